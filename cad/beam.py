@@ -5,12 +5,15 @@ height, from the centroid, at the loaded end the reference point. Channel flange
 """
 
 from dataclasses import dataclass, fields
-from typing import Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 
 from stiffscope.cad.checks import GAP, length, mm, require
+from stiffscope.cad.cross_sections import Section, box, channel, circle, i_section
 from stiffscope.cad.solid import SolidParameters
+
+WALL = "wall thickness"
 
 
 @dataclass(frozen=True)
@@ -23,8 +26,11 @@ class BeamParameters(SolidParameters):
         If a value is out of range; it is named as in the robot file (``tube.wall``).
     """
 
-    shape: ClassVar[str]
-    length: float
+    axes = (
+        "x along the beam from its clamped end, y across, z along its height; twist (v, omega) "
+        "and wrench (f, m) at the centroid of the loaded end"
+    )
+    length: Annotated[float, "length along x, from clamped to loaded end"]
 
     def __post_init__(self) -> None:
         for field in fields(self):
@@ -41,6 +47,18 @@ class BeamParameters(SolidParameters):
     def outline(self) -> list[list[tuple[float, float]]]:
         """Return the corners (y, z) of the section's outer border, then of its hole, m."""
         raise NotImplementedError
+
+    def cross_section(self, poisson: float) -> Section:
+        """Return the section of beam theory."""
+        raise NotImplementedError
+
+    def segments(self, poisson: float) -> list[tuple[float, Section]]:
+        """See `SolidParameters`."""
+        return [(self.length, self.cross_section(poisson))]
+
+    def sketch(self) -> dict[str, Any]:
+        """See `SolidParameters`."""
+        return {"outline": self.outline()}
 
     def draw(self) -> Any:
         """See `SolidParameters`."""
@@ -59,15 +77,32 @@ class BeamParameters(SolidParameters):
 
 @dataclass(frozen=True)
 class TubeParameters(BeamParameters):
-    """A round tube: outer radius and wall, m."""
+    """A round tube: outer radius and wall, m.
 
-    shape: ClassVar[str] = "tube"
-    radius: float
-    wall: float
+    Axes: x along it from the clamped end, from the section's centroid.
+    """
+
+    shape = "tube"
+    is_round = True
+    radius: Annotated[float, "outer radius"]
+    wall: Annotated[float, WALL]
+
+    @property
+    def across(self) -> tuple[float, float]:
+        """See `SolidParameters`."""
+        return 2.0 * self.radius, 2.0 * self.radius
 
     def largest(self) -> dict[str, float]:
         """See `BeamParameters`."""
         return {"wall": self.radius - GAP}
+
+    def cross_section(self, poisson: float) -> Section:
+        """See `BeamParameters`."""
+        return circle(self.radius, self.radius - self.wall, poisson)
+
+    def sketch(self) -> dict[str, Any]:
+        """See `SolidParameters`."""
+        return {"radius": self.radius}
 
     def section(self) -> Any:
         """See `BeamParameters`."""
@@ -77,17 +112,35 @@ class TubeParameters(BeamParameters):
 
 
 @dataclass(frozen=True)
-class BoxParameters(BeamParameters):
-    """A rectangular tube: outer width along y and height along z, and wall, m."""
+class _FlatParameters(BeamParameters):
+    """Width along y and height along z, m."""
 
-    shape: ClassVar[str] = "box"
-    width: float
-    height: float
-    wall: float
+    width: Annotated[float, "size along y"]
+    height: Annotated[float, "size along z"]
+
+    @property
+    def across(self) -> tuple[float, float]:
+        """See `SolidParameters`."""
+        return self.width, self.height
+
+
+@dataclass(frozen=True)
+class BoxParameters(_FlatParameters):
+    """A rectangular tube: outer width along y and height along z, and wall, m.
+
+    Axes: x along it from the clamped end, from the section's centroid.
+    """
+
+    shape = "box"
+    wall: Annotated[float, WALL]
 
     def largest(self) -> dict[str, float]:
         """See `BeamParameters`."""
         return {"wall": (min(self.width, self.height) - GAP) / 2}
+
+    def cross_section(self, poisson: float) -> Section:
+        """See `BeamParameters`."""
+        return box(self.width, self.height, self.wall, poisson)
 
     def outline(self) -> list[list[tuple[float, float]]]:
         """See `BeamParameters`."""
@@ -102,13 +155,11 @@ class BoxParameters(BeamParameters):
 
 
 @dataclass(frozen=True)
-class _FlangedParameters(BeamParameters):
+class _FlangedParameters(_FlatParameters):
     """Flange width along y, overall height along z, flange and web thickness, m."""
 
-    width: float
-    height: float
-    flange: float
-    web: float
+    flange: Annotated[float, "flange thickness"]
+    web: Annotated[float, "web thickness"]
 
     def largest(self) -> dict[str, float]:
         """See `BeamParameters`."""
@@ -117,9 +168,16 @@ class _FlangedParameters(BeamParameters):
 
 @dataclass(frozen=True)
 class IParameters(_FlangedParameters):
-    """An I: flange width along y, overall height along z, flange and web thickness, m."""
+    """An I: flange width along y, overall height along z, flange and web thickness, m.
 
-    shape: ClassVar[str] = "i"
+    Axes: x along it from the clamped end, from the section's centroid.
+    """
+
+    shape = "i"
+
+    def cross_section(self, poisson: float) -> Section:
+        """See `BeamParameters`."""
+        return i_section(self.width, self.height, self.flange, self.web, poisson)
 
     def outline(self) -> list[list[tuple[float, float]]]:
         """See `BeamParameters`."""
@@ -140,9 +198,17 @@ class IParameters(_FlangedParameters):
 
 @dataclass(frozen=True)
 class ChannelParameters(_FlangedParameters):
-    """A channel: flange width along y, overall height along z, flange and web thickness, m."""
+    """A channel: flange width along y, overall height along z, flange and web thickness, m.
 
-    shape: ClassVar[str] = "channel"
+    Axes: x along it from the clamped end, from the section's centroid.
+    """
+
+    shape = "channel"
+
+    def cross_section(self, poisson: float) -> Section:
+        """See `BeamParameters`."""
+        _ = poisson
+        return channel(self.width, self.height, self.flange, self.web)
 
     @property
     def back(self) -> float:
@@ -160,8 +226,3 @@ class ChannelParameters(_FlangedParameters):
         web = left + self.web
         inner = [(right, -under), (web, -under), (web, under), (right, under)]
         return [[(left, -z), (right, -z), *inner, (right, z), (left, z)]]
-
-
-BEAMS = {
-    k.shape: k for k in (TubeParameters, BoxParameters, IParameters, ChannelParameters)
-}

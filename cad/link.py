@@ -4,7 +4,7 @@ Axes: x from the clamped end at x = 0 to the loaded end, whose centre is the ref
 """
 
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any
 
 from stiffscope.cad.checks import (
     GAP,
@@ -14,23 +14,15 @@ from stiffscope.cad.checks import (
     require,
     require_between,
 )
+from stiffscope.cad.cross_sections import Section, circle
 from stiffscope.cad.solid import SolidParameters
 
 
 @dataclass(frozen=True)
 class LinkParameters(SolidParameters):
-    """Dimensions of a link, in m; 0 omits a feature.
+    """A round bar or tube, with end fittings if wished; axes: x along it from the clamped end.
 
-    Parameters
-    ----------
-    length
-        Total length, end fittings included.
-    radius
-        Outer radius.
-    bore
-        Diameter of a bore along the whole link.
-    fitting_radius, fitting_length
-        Dimensions of the two cylindrical end fittings.
+    A length of 0 omits the feature.
 
     Raises
     ------
@@ -38,12 +30,21 @@ class LinkParameters(SolidParameters):
         If a value is out of range; it is named as in the robot file (``link.bore``).
     """
 
-    shape: ClassVar[str] = "rod"
-    length: float = 0.5
-    radius: float = 0.0125
-    bore: float = 0.0
-    fitting_radius: float = 0.0
-    fitting_length: float = 0.0
+    shape = "rod"
+    axes = (
+        "x along the rod from its clamped end; twist (v, omega) and wrench (f, m) at the "
+        "centre of the loaded end"
+    )
+    required = ("length", "radius")
+    is_round = True
+    published = "formula"
+    length: Annotated[float, "length along x, from clamped to loaded end"] = 0.5
+    radius: Annotated[float, "outer radius"] = 0.0125
+    bore: Annotated[float, "diameter of the axial through hole"] = 0.0
+    fitting_radius: Annotated[float, "radius of the end fittings"] = 0.0
+    fitting_length: Annotated[
+        float, "length of each end fitting, included in `length`"
+    ] = 0.0
 
     def __post_init__(self) -> None:
         length("link.length", self.length)
@@ -77,6 +78,31 @@ class LinkParameters(SolidParameters):
     def absent(self) -> tuple[str, ...]:
         """See `SolidParameters`."""
         return () if self.has_fittings else ("fitting_",)
+
+    @property
+    def across(self) -> tuple[float, float]:
+        """See `SolidParameters`."""
+        return 2.0 * self.radius, 2.0 * self.radius
+
+    def segments(self, poisson: float) -> list[tuple[float, Section]]:
+        """See `SolidParameters`. With fittings there are three round bars."""
+        shank = circle(self.radius, self.bore / 2, poisson)
+        if not self.fitting_radius:
+            return [(self.length, shank)]
+        fitting = circle(self.fitting_radius, self.bore / 2, poisson)
+        end = (self.fitting_length, fitting)
+        return [end, (self.length - 2 * self.fitting_length, shank), end]
+
+    def vanishing(self, name: str) -> float:
+        """See `SolidParameters`; a thick wall is taken as solid."""
+        outside = 2.0 * self.radius
+        if name == "radius":
+            return self.bore / 2.0
+        return outside if name == "bore" and self.bore > outside / 4.0 else 0.0
+
+    def sketch(self) -> dict[str, Any]:
+        """See `SolidParameters`."""
+        return {"radius": self.radius}
 
     def draw(self) -> Any:
         """See `SolidParameters`."""

@@ -4,8 +4,9 @@ Axes: x away from the clamped face at x = 0, y across, z down; y = z = 0 is the 
 The reference point is the centre of the loaded face, or of the middle pad if there are pads.
 """
 
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, ClassVar, Literal
+from contextlib import suppress
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -20,9 +21,16 @@ from stiffscope.cad.checks import (
     require,
     require_between,
 )
+from stiffscope.cad.cross_sections import Section, rectangle
 from stiffscope.cad.faces import FaceGeometry, FaceSelector, face_geometries, select
 from stiffscope.cad.part import Interface
-from stiffscope.cad.solid import GREATEST_X, LEAST_X, SolidParameters
+from stiffscope.cad.solid import (
+    GREATEST_X,
+    LEAST_X,
+    SolidParameters,
+    Support,
+    is_length,
+)
 from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
@@ -31,40 +39,18 @@ if TYPE_CHECKING:
     from stiffscope.cad.kernel import Solid
 
 _TOLERANCE = 1e-6  # mm
+PAD_HEIGHT = 1 / 4  # of the thickness, for joint pads if the part has none
+HOLE_PITCH = 4.0  # spacing of bolt holes in thicknesses, if the part has none
 PADS = ("link1", "link2", "link3")  # interfaces of separately loaded pads
 OPTIONAL = ("rib_pitch", "fillet", "hole_pitch", "pad_height")  # 0 omits them
 
 
 @dataclass(frozen=True)
 class SliderParameters(SolidParameters):
-    """Dimensions of a slider, in m; a count or `pad_height` of 0 omits the feature.
+    """A plate, if wished with ribs, holes, pads; x away from its clamped face, y across, z through it.
 
-    Parameters
-    ----------
-    depth, width, thickness
-        Dimensions of the plate along x, y and z.
-    rib_count
-        Ribs on the underside (+z), along x from the clamped face to a half-round nose.
-    rib_thickness, rib_height, rib_length
-        Dimensions of a rib along y, z and x.
-    rib_pitch
-        Rib spacing; 0 spreads them evenly over the width.
-    fillet
-        Radius at the rib roots.
-    hole_count
-        Bolt holes through the plate along z, in one row across.
-    hole_diameter, hole_offset
-        Hole diameter, and distance of the hole axes from the clamped face.
-    hole_pitch
-        Hole spacing; 0 spreads them evenly over the width.
-    clamp
-        Clamped faces: the "face" at x = 0 or the walls of the "holes".
-    pad_height, pad_width
-        Joint pad dimensions along x and y, on the loaded face; pads are as thick as the plate.
-    pad_spacing
-        Distance of the outer pads from the middle pad.
-    pads
-        Load the pads "together" (one interface) or "apart" (interfaces link1, link2, link3).
+    A count or `pad_height` of 0 omits the feature. Ribs end in a half-round nose; pads are as thick
+    as the plate.
 
     Raises
     ------
@@ -72,31 +58,53 @@ class SliderParameters(SolidParameters):
         If a value is out of range; it is named as in the robot file (``slider.rib_pitch``).
     """
 
-    shape: ClassVar[str] = "plate"
-    depth: float = 0.085
-    width: float = 0.320
-    thickness: float = 0.020
-    rib_count: int = 0
-    rib_thickness: float = 0.010
-    rib_height: float = 0.015
-    rib_length: float = 0.075
-    rib_pitch: float = 0.0
-    fillet: float = 0.0
-    hole_count: int = 0
-    hole_diameter: float = 0.009
-    hole_offset: float = 0.015
-    hole_pitch: float = 0.0
-    clamp: Literal["face", "holes"] = "face"
-    pad_height: float = 0.0
-    pad_width: float = 0.030
-    pad_spacing: float = 0.070
-    pads: Literal["together", "apart"] = "together"
+    shape = "plate"
+    axes = (
+        "x away from the clamped face, y across, z through the plate, to the side of its ribs; "
+        "twist (v, omega) and wrench (f, m) at the centre of the loaded face"
+    )
+    required = ("depth", "width", "thickness")
+    along = frozenset({"depth", "pad_height"})
+    is_plate = True
+    whole_load: ClassVar = {"pad_height": 0.0}
+    whole_clamp: ClassVar = {"clamp": "face"}
+    published = "table"
+    depth: Annotated[float, "size along x, from clamped to loaded face"] = 0.085
+    width: Annotated[float, "size along y"] = 0.320
+    thickness: Annotated[float, "size along z"] = 0.020
+    rib_count: Annotated[int, "number of ribs on the underside, parallel to x"] = 0
+    rib_thickness: Annotated[float, "rib thickness"] = 0.010
+    rib_height: Annotated[float, "rib height below the plate"] = 0.015
+    rib_length: Annotated[float, "rib length from the clamped face"] = 0.075
+    rib_pitch: Annotated[float, "rib spacing; 0: evenly spaced"] = 0.0
+    fillet: Annotated[float, "fillet radius at the rib roots"] = 0.0
+    hole_count: Annotated[
+        int, "number of bolt holes through the plate, in a row along y"
+    ] = 0
+    hole_diameter: Annotated[float, "diameter of a bolt hole"] = 0.009
+    hole_offset: Annotated[float, "distance from the clamped face to the holes"] = 0.015
+    hole_pitch: Annotated[float, "hole spacing; 0: evenly spaced"] = 0.0
+    clamp: Annotated[
+        Literal["face", "holes"],
+        'fixed surface: the clamped `"face"` or the bolt `"holes"`',
+    ] = "face"
+    pad_height: Annotated[
+        float, "height of the joint pads on the loaded face; 0: no pads"
+    ] = 0.0
+    pad_width: Annotated[float, "pad width"] = 0.030
+    pad_spacing: Annotated[
+        float, "distance between the outer pads and the middle pad"
+    ] = 0.070
+    pads: Annotated[
+        Literal["together", "apart"],
+        'pads as one interface (`"together"`) or one interface each (`"apart"`)',
+    ] = "together"
 
     def __post_init__(self) -> None:
         for name in ("rib_count", "hole_count"):
             count(f"slider.{name}", getattr(self, name))
         for field in fields(self):
-            if field.type is float:
+            if is_length(field):
                 check = optional_length if field.name in OPTIONAL else length
                 check(f"slider.{field.name}", getattr(self, field.name))
         choice("slider.clamp", self.clamp, ("face", "holes"))
@@ -127,6 +135,55 @@ class SliderParameters(SolidParameters):
     def pad_positions(self) -> tuple[float, ...]:
         """Centre y of pads 1, 2 and 3 (3,), m; empty without pads."""
         return (0.0, self.pad_spacing, -self.pad_spacing) if self.pad_height else ()
+
+    @property
+    def span(self) -> float:
+        """See `SolidParameters`."""
+        return self.depth + self.pad_height
+
+    @property
+    def across(self) -> tuple[float, float]:
+        """See `SolidParameters`."""
+        return self.width, self.thickness
+
+    def segments(self, poisson: float) -> list[tuple[float, Section]]:
+        """See `SolidParameters`."""
+        return [(self.depth, rectangle(self.width, self.thickness, poisson))]
+
+    @property
+    def beyond_beam(self) -> tuple[str, ...]:
+        """See `SolidParameters`."""
+        features = {
+            "ribs": self.rib_count,
+            "bolt holes": self.hole_count,
+            "joint pads": self.pad_height,
+        }
+        return tuple(words for words, size in features.items() if size)
+
+    @property
+    def ports(self) -> tuple[str, ...]:
+        """See `SolidParameters`."""
+        return PADS if self.pads == "apart" and self.pad_height else ()
+
+    @property
+    def loads(self) -> tuple[Support, ...]:
+        """See `SolidParameters`."""
+        height = self.pad_height or PAD_HEIGHT * self.thickness
+        sizes = {"high": height, "wide": self.pad_width, "apart": self.pad_spacing}
+        pads = ", ".join(f"{1e3 * size:g} mm {word}" for word, size in sizes.items())
+        keys: dict[str, Any] = {"pad_height": height}
+        if not self.pad_height:  # pads that are there are loaded as they are
+            keys["interface"] = "rigid"
+        return (Support("three pads", f"loaded on three joint pads, {pads}", keys),)
+
+    @property
+    def clamps(self) -> tuple[Support, ...]:
+        """See `SolidParameters`."""
+        number = self.hole_count or _hole_count(self)
+        holes = f"{number} bolt holes of {1e3 * self.hole_diameter:g} mm"
+        words = f"held in {holes} instead of by the face"
+        keys = {"hole_count": number, "clamp": "holes", "foundation": None}
+        return (Support("bolt holes", words, keys),)
 
     def draw(self) -> Any:
         """See `SolidParameters`. Raises InputError if the CAD kernel cannot make the fillet."""
@@ -182,7 +239,7 @@ class SliderParameters(SolidParameters):
             face.index for face in filter(is_wall, face_geometries(solid))
         )
         clamped = select(solid, LEAST_X) if self.clamp == "face" else walls
-        outer = self.depth + self.pad_height
+        outer = self.span
         if self.pads == "together":
             faces = select(solid, GREATEST_X)
             return clamped, (Interface("joints", faces, np.array([outer, 0.0, 0.0])),)
@@ -193,6 +250,16 @@ class SliderParameters(SolidParameters):
                 Interface(name, select(solid, [place]), np.array([outer, y, 0.0]))
             )
         return clamped, tuple(pads)
+
+
+def _hole_count(slider: SliderParameters) -> int:
+    """Return the hole count for a pitch of four thicknesses, or the nearest clear of the ribs."""
+    wanted = max(2, round(slider.width / (HOLE_PITCH * slider.thickness)))
+    tried = range(2, 2 * wanted + 3)
+    for number in sorted(tried, key=lambda number: abs(number - wanted)):
+        with suppress(InputError):
+            return replace(slider, hole_count=number).hole_count
+    return wanted
 
 
 def _row(number: int, pitch: float, width: float) -> tuple[float, ...]:

@@ -2,13 +2,14 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any, ClassVar, Self
+from dataclasses import Field, dataclass, fields, replace
+from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
 
 from stiffscope import cad
 from stiffscope.cad.checks import POINT, direction, is_point, require
+from stiffscope.cad.cross_sections import Section
 from stiffscope.cad.faces import FaceSelector, centroid_of, face_geometries, select
 from stiffscope.cad.materials import STEEL, AnyMaterial
 from stiffscope.cad.part import Interface, Part
@@ -139,11 +140,43 @@ def part_of(
     return Part(name, moved, material, at_rest, tuple(ends), rest)
 
 
+class Support(NamedTuple):
+    """A way to load or hold a part: name, description, and the keys of the part that it sets."""
+
+    name: str
+    words: str
+    keys: dict[str, Any]
+
+
 @dataclass(frozen=True)
 class SolidParameters:
-    """Dimensions of a solid along x, m: the interface required by `build`."""
+    """A shape: its dimensions, m, and every fact of it that others ask for.
+
+    A field is a key of the robot file: ``Annotated[float, "meaning"]`` is a length, with int a
+    count, with Literal a choice. The first paragraph of the class's docstring describes the shape
+    in the reference. Shapes are registered in `stiffscope.cad.shapes`.
+
+    Attributes
+    ----------
+    shape : name in the robot file.
+    axes : part axes and reference point, in words.
+    required : fields that a robot file must give, besides those without a default.
+    along : dimensions from base to tip, on which the places of a body's ends depend.
+    is_round : whether all directions across the part are alike.
+    is_plate : whether it is too wide for a section of it to contract freely in bending.
+    whole_load, whole_clamp : keys by which the whole face is loaded or clamped.
+    published : what the source "published" takes, a "formula" or the "table" that the file names.
+    """
 
     shape: ClassVar[str]
+    axes: ClassVar[str]
+    required: ClassVar[tuple[str, ...]] = ()
+    along: ClassVar[frozenset[str]] = frozenset({"length"})
+    is_round: ClassVar[bool] = False
+    is_plate: ClassVar[bool] = False
+    whole_load: ClassVar[dict[str, Any]] = {}
+    whole_clamp: ClassVar[dict[str, Any]] = {}
+    published: ClassVar[Literal["", "formula", "table"]] = ""
 
     @property
     def absent(self) -> tuple[str, ...]:
@@ -157,9 +190,71 @@ class SolidParameters:
 
     def lengths(self) -> dict[str, float]:
         """Return the used lengths (m) by name, except zeros, which omit features."""
-        lengths = (field.name for field in fields(self) if field.type is float)
+        lengths = (field.name for field in fields(self) if is_length(field))
         used = [name for name in lengths if not name.startswith(self.absent)]
         return {name: value for name in used if (value := getattr(self, name))}
+
+    @property
+    def span(self) -> float:
+        """Distance along x from the clamped faces to the reference point, m."""
+        return self.lengths()["length"]
+
+    @property
+    def across(self) -> tuple[float, float]:
+        """Sizes across the part along y and z, m."""
+        raise NotImplementedError
+
+    def segments(self, poisson: float) -> list[tuple[float, Section]] | None:
+        """Return lengths (m) and sections from the clamped end; None without beam theory."""
+        _ = poisson
+        return None
+
+    @property
+    def beyond_beam(self) -> tuple[str, ...]:
+        """Features, in words, that `segments` leave out."""
+        return ()
+
+    @property
+    def bare_volume(self) -> float | None:
+        """Volume of the segments, m³; None without beam theory."""
+        segments = self.segments(poisson=0.3)
+        if segments is None:
+            return None
+        return sum(length * section.area for length, section in segments)
+
+    @property
+    def volume(self) -> float | None:
+        """Volume in closed form, m³; None if only the solid has it."""
+        return None if self.beyond_beam else self.bare_volume
+
+    def vanishing(self, name: str) -> float:
+        """Return the value of a dimension at which no wall is left, m; else 0."""
+        _ = name
+        return 0.0
+
+    @property
+    def ports(self) -> tuple[str, ...]:
+        """Names of separately loaded interfaces; empty if there is one."""
+        return ()
+
+    @property
+    def loads(self) -> tuple[Support, ...]:
+        """Further ways to load the part than on its whole face."""
+        return ()
+
+    @property
+    def clamps(self) -> tuple[Support, ...]:
+        """Further ways to hold the part than by its whole face."""
+        return ()
+
+    def sketch(self) -> dict[str, Any]:
+        """Return what pictures draw before there is a mesh, m: by default a plate or box.
+
+        ``outline``, loops of corners (y, z) extruded along x; ``radius`` of a rod; or ``width`` and
+        ``thickness``.
+        """
+        width, thickness = self.across
+        return {"width": width, "thickness": thickness}
 
     def draw(self) -> Any:
         """Return the shape as a build123d object, mm."""
@@ -168,8 +263,12 @@ class SolidParameters:
     def select_ends(self, solid: Any) -> tuple[frozenset[int], tuple[Interface, ...]]:
         """Return the clamped faces, at x = 0, and the interfaces: ``end`` at the far end."""
         clamped, loaded = (select(solid, chosen) for chosen in (LEAST_X, GREATEST_X))
-        point = np.array([self.lengths()["length"], 0.0, 0.0])
-        return clamped, (Interface("end", loaded, point),)
+        return clamped, (Interface("end", loaded, np.array([self.span, 0.0, 0.0])),)
+
+
+def is_length(field: Field[Any]) -> bool:
+    """Return whether a field of a shape is a length."""
+    return getattr(field.type, "__origin__", field.type) is float
 
 
 def build(

@@ -59,6 +59,8 @@ class Slice:
         the folder of the run; none if empty.
     keys
         ``"module:name"`` by kind of file: the sections of that file as pairs of title and schema.
+    sections
+        Further top-level sections of a kind of file: kind, name, and ``"module:schema"``.
     """
 
     commands: tuple[Command, ...] = ()
@@ -67,6 +69,7 @@ class Slice:
     doubts: str = ""
     pictures: str = ""
     keys: tuple[tuple[str, str], ...] = ()
+    sections: tuple[tuple[str, str, str], ...] = ()
 
 
 @cache
@@ -95,6 +98,16 @@ def registered(kind: str) -> Iterator[Any]:
         reference = getattr(each, kind)
         if reference:
             yield load(reference)
+
+
+def sections_of(kind: str) -> dict[str, Any]:
+    """Return the schemas of the sections that slices add to a kind of file, by name."""
+    return {
+        name: load(reference)
+        for each in slices().values()
+        for of, name, reference in each.sections
+        if of == kind
+    }
 
 
 def load(reference: str) -> Any:

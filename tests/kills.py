@@ -171,7 +171,7 @@ def stiffscope(*words: str, folder: Path, **more) -> subprocess.Popen:
         "TMPDIR": str(folder / "tmp"),
     }
     (folder / "tmp").mkdir(exist_ok=True)
-    command = [sys.executable, "-m", "stiffscope", *words]
+    command = [sys.executable, "-m", "stiffscope", *words, "--quiet"]
     return subprocess.Popen(
         command,
         cwd=folder,

@@ -25,13 +25,8 @@ from stiffscope.gap.campaign.campaign_header import (
     LOAD_KEYS,
     SENSOR_KEYS,
 )
-from stiffscope.gap.campaign.quantities import (
-    DEFLECTIONS,
-    DEVIATIONS,
-    FREQUENCIES,
-    PUSHES,
-    STIFFNESSES,
-)
+from stiffscope.gap.campaign.kinds import KINDS
+from stiffscope.gap.campaign.quantities import names_of
 from stiffscope.gap.effects.vocabulary import EFFECTS
 from stiffscope.notebook.objects import HEIGHT, as_html
 from stiffscope.path import job
@@ -81,8 +76,7 @@ class CampaignKeys(Directive):
         described = [
             {row.key.split()[0] for row in rows} for _, rows in (*sections, quantities)
         ]
-        kinds = DEFLECTIONS, DEVIATIONS, STIFFNESSES, PUSHES, FREQUENCIES
-        firsts = [kind[0] for kind in kinds]
+        firsts = [names_of(kind)[0] for kind in KINDS if names_of(kind)]
         if described != [
             set(each) for each in (KEYS, FRAME_KEYS, SENSOR_KEYS, LOAD_KEYS, firsts)
         ]:

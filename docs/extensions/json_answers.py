@@ -43,7 +43,18 @@ MADE_UP = Outcome(
     robot="serial-arm",
     stated=((0.99, True),),
 )
-CAPITALS = ("DIR", "PART.", "ARM.", "STUDY.", "JOB.", "BEARING.", "ROBOT", "CAMPAIGN")
+EXAMPLES = Path(__file__).parents[2] / "examples"
+CAPITALS = (
+    "DIR",
+    "PART.",
+    "TAP.",
+    "ARM.",
+    "STUDY.",
+    "JOB.",
+    "BEARING.",
+    "ROBOT",
+    "CAMPAIGN",
+)
 """Prefixes of words that stand for a file or folder."""
 URDF = """<robot name="arm">
   <link name="stand"/>
@@ -143,6 +154,7 @@ def _place() -> Iterator[Path]:
             place / "PART.step",
         )
         (place / "ARM.urdf").write_text(URDF)
+        shutil.copyfile(EXAMPLES / "hammer" / "tap.uff", place / "TAP.uff")
         (place / "STUDY.toml").write_text(STUDY)
         (place / "JOB.toml").write_text(JOB)
         (place / "BEARING.toml").write_text(BEARING)

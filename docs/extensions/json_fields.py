@@ -93,7 +93,10 @@ PART = {
         "kg, kg·m, kg·m²",
     ),
     "seconds": ("wall time by stage: cad, mesh, solve", "s"),
-    "beam": ("compliance by Timoshenko beam theory; null for a STEP solid", YIELDS),
+    "beam": (
+        "compliance by Timoshenko beam theory; null for a STEP solid or a shape without beam theory",
+        YIELDS,
+    ),
     "cached": ("whether the result came from the cache", ""),
 }
 RESPONSES = {
@@ -370,10 +373,13 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
                 "entries[].fea": ("value from the virtual experiment", "`unit`"),
                 "entries[].error": ("95 % bound on `fea`", "`unit`"),
                 "entries[].euler_bernoulli": (
-                    "value by beam theory without shear",
+                    "value by beam theory without shear; null for a shape without beam theory",
                     "`unit`",
                 ),
-                "entries[].timoshenko": ("value by beam theory with shear", "`unit`"),
+                "entries[].timoshenko": (
+                    "value by beam theory with shear; null likewise",
+                    "`unit`",
+                ),
                 "entries[].published": (
                     "published value; null if there is none",
                     "`unit`",
@@ -437,6 +443,46 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
                 )
             },
             "left_out": ("choices not applicable to the part, with reasons", ""),
+        },
+    ),
+    "responses": (
+        ["responses", "TAP.uff"],
+        {
+            "file": ("file that was read", ""),
+            "points.*": ("place (3,) of a point of the file, in its axes", "m"),
+            "lines": ("points connected by lines of the file", ""),
+            "responses[].force.point": ("number or name of the point of the force", ""),
+            "responses[].force.axis": ("`x`, `y`, `z`, `rx`, `ry` or `rz`", ""),
+            "responses[].force.sign": ("1 along the axis, -1 against it", ""),
+            "responses[].motion.point": ("the same of the motion", ""),
+            "responses[].motion.axis": ("", ""),
+            "responses[].motion.sign": ("", ""),
+            "responses[].quantity": (
+                "what the file holds: `receptance`, `mobility` or `accelerance`",
+                "",
+            ),
+            "responses[].band": ("lowest and highest frequency", "Hz"),
+            "responses[].lines": ("number of frequencies", ""),
+            "responses[].resonances": ("maxima of the receptance", "Hz"),
+            "responses[].static_stiffness?": (
+                "null without a level part below the first resonance, and where force and motion differ",
+                "",
+            ),
+            "responses[].static_stiffness.value?": (
+                "static stiffness at a driving point",
+                "N/m, N·m/rad",
+            ),
+            "responses[].static_stiffness.spread?": (
+                "half its 95 % interval",
+                "N/m, N·m/rad",
+            ),
+            "responses[].static_stiffness.band?": ("frequencies used", "Hz"),
+            "responses[].source": ("file and line of the dataset", ""),
+            "modes[].frequency?": ("mode shape of the file: its frequency", "Hz"),
+            "modes[].damping?": ("damping ratio; null if not stated", ""),
+            "modes[].points?": ("points of the shape", ""),
+            "doubts": ("doubts on the measurement, one sentence each", ""),
+            "remarks": ("doubts on units, and datasets that were not read", ""),
         },
     ),
     "faces": (
@@ -798,7 +844,10 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             ),
             "gap.nominal": ("gap between model and readings", "% rms"),
             "gap.explained": ("remaining gap with the effects", "% rms"),
-            "gap.held_out": ("remaining gap at held-out poses", "% rms"),
+            "gap.held_out": (
+                "remaining gap at held-out poses; null at a single pose",
+                "% rms",
+            ),
             "gap.noise": ("noise of the readings", "% rms"),
             "gap.chi2_per_reading": (
                 "χ² per reading without and with the effects",
@@ -846,9 +895,22 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
                 "1",
             ),
             "effects[].errors": (
-                "for an effect of many small errors: each error as in `parameters`, largest first",
+                "what `parameters` summarize: small errors, largest first; mass and place where moments show",
                 "`unit`; angles as arc length at 1 m",
             ),
+            "drives.*.stated": (
+                "stiffness of each drive in the robot file",
+                "N/m, N·m/rad",
+            ),
+            "drives.*.value": (
+                "resulting stiffness with everything that was found, set and member multiplied out",
+                "N/m, N·m/rad",
+            ),
+            "drives.*.sigma": (
+                "its standard uncertainty; null if the drive is not seen",
+                "N/m, N·m/rad",
+            ),
+            "drives.*.seen": ("whether the readings show the drive", ""),
             "beside": (
                 "uncertain effects fitted together with the others, as in `effects`; `unknown`: unmodelled",
                 "",

@@ -12,7 +12,8 @@ import numpy as np
 from docutils import nodes
 from docutils.parsers.rst import Directive
 
-from stiffscope.fea.beam import circle, timoshenko
+from stiffscope.cad.cross_sections import circle
+from stiffscope.fea.beam import timoshenko
 from stiffscope.fea.run import run_experiment
 from stiffscope.report.figures import AFTER, BEFORE, EFFECT, STYLE, new_figure
 from stiffscope.robot.beam_dynamics import beam_dynamics

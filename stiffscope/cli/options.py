@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from stiffscope.cli.output import Output
+from stiffscope.robot.file.override import TypedOverride
 from stiffscope.runtime.output import check_json, overwrite
 from stiffscope.runtime.reading import opened
 
@@ -117,6 +118,7 @@ overrides = click.option(
     "--set",
     "overrides",
     multiple=True,
+    callback=lambda _context, _option, texts: tuple(map(TypedOverride, texts)),
     metavar="NAME.KEY=VALUE",
     help="Override a value of a part, parameter, body or joint of the robot file, such as "
     "slider.thickness=25mm. May be repeated.",

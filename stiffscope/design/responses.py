@@ -11,7 +11,8 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.file.sections import RigidBody
-from stiffscope.robot.part_matrices import beam_segments, known_mass, part_sources
+from stiffscope.robot.part_matrices import known_mass, part_sources
+from stiffscope.vjm.model.mechanism import COORDINATES, DIAGONAL
 from stiffscope.vjm.statics import analysis as statics
 from stiffscope.vjm.vibration.modes import frequencies
 
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
 
 MOST_MODES = 12  # number of modes computed, including free motions
 FREE = 1e-3  # Hz; lower modes are free motions
-_AXES = ("x", "y", "z", "rx", "ry", "rz")
 _ENTRY = {
     "K": (("N/m", "N"), ("N", "N*m/rad")),
     "C": (("m/N", "1/N"), ("1/N", "rad/(N*m)")),
@@ -77,15 +77,14 @@ class Response:
 def _entries() -> dict[str, tuple[str, int, int, str]]:
     """Return matrix, row, column and unit of the entries of K and C by name."""
     found = {}
-    for i, axis in enumerate(_AXES):
-        name = axis if axis[0] == "r" else f"t{axis}"
-        found[f"K_{name}"] = ("K", i, i, _ENTRY["K"][i // 3][i // 3])
+    for i, name in enumerate(DIAGONAL):
+        found[name] = ("K", i, i, _ENTRY["K"][i // 3][i // 3])
     for matrix, units in _ENTRY.items():
         for i in range(6):
             for j in range(6):
                 found[f"{matrix}{i + 1}{j + 1}"] = (matrix, i, j, units[i // 3][j // 3])
-    found |= {f"k{axis}": found[f"K{i + 1}{i + 1}"] for i, axis in enumerate(_AXES)}
-    return found
+    short = zip(COORDINATES, DIAGONAL, strict=True)
+    return found | {f"k{axis}": found[name] for axis, name in short}
 
 
 ENTRIES = _entries()
@@ -178,14 +177,13 @@ def mass_of_solids(
         body.mass for body in robot.bodies.values() if isinstance(body, RigidBody)
     )
     for name in part_sources(robot, components):
+        part = robot.parts[name]
         material = robot.material(name)
         mass = known_mass(robot, name) or 0.0
         if name in experiments:
             mass = experiments[name].mass
-        elif isinstance(robot.parts[name], ParametricPart) and material is not None:
-            segments = beam_segments(robot, name)
-            mass = material.density * sum(
-                length * section.area for length, section in segments
-            )
+        elif isinstance(part, ParametricPart) and material is not None:
+            volume = part.parameters().bare_volume
+            mass = mass if volume is None else material.density * volume
         rigid += len(robot.bodies_of(name)) * mass
     return rigid

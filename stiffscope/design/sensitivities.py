@@ -73,11 +73,9 @@ def _make_sensitivity(
     begun = time.perf_counter()
     report("cad", 0.05)
     part = order.build()
-    lengths: dict[str, float] = {}
-    if not order.step:
-        lengths = order.solid.lengths()  # pyright: ignore[reportAttributeAccessIssue]
+    lengths = order.solid.lengths().items()
     dimensions = {
-        name: (value, partial(_built, order, name)) for name, value in lengths.items()
+        name: (value, partial(_built, order, name)) for name, value in lengths
     }
     built = time.perf_counter() - begun
     report("derivatives", 0.2)

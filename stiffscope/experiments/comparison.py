@@ -1,6 +1,6 @@
 """Comparison of FEA, beam theory and published matrix entry by entry, with failing assumptions.
 
-For a rod, plate or section of any robot; "published" requires a published matrix in the robot file.
+For any parametric part; "published" requires a published matrix in the robot file.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ from stiffscope.robot import part_matrices as parts_of
 from stiffscope.robot.file.part_sections import ParametricPart
 
 if TYPE_CHECKING:
+    from stiffscope.cad.cross_sections import Section
     from stiffscope.cad.materials import AnyMaterial
     from stiffscope.experiments.experiments import PartResult
-    from stiffscope.fea.beam import Section
     from stiffscope.fea.experiment import Experiment
     from stiffscope.robot.file.description import RobotFile
 
 
 @dataclass(frozen=True)
 class Entry:
-    """One entry of a part's compliance from every source, SI."""
+    """One entry of a part's compliance from every source, SI; None from a source without it."""
 
     name: str
     unit: str
     fea: float
     error: float
-    euler_bernoulli: float
-    timoshenko: float
+    euler_bernoulli: float | None
+    timoshenko: float | None
     published: float | None
 
 
@@ -59,65 +59,81 @@ def compare(robot: RobotFile, name: str, result: PartResult | Experiment) -> Com
     Comparison
         Entries side by side, and findings as sentences.
     """
-    simple = parts_of.beam_compliance(robot, name, euler_bernoulli)
-    beam = parts_of.beam_compliance(robot, name)
-    printed = _find_printed(robot, name)
+    sources = _list_sources(robot, name)
     fea = result.compliance
     error = result.error
     scale = np.sqrt(np.outer(np.diag(fea), np.diag(fea)))
+    shown = np.abs(fea) > np.maximum(error, 1e-4 * scale)
+    for matrix in (sources["timoshenko"], sources["published"]):
+        if matrix is not None:
+            shown |= matrix != 0.0
     entries = []
-    for i, j in np.transpose(np.triu_indices(6)).tolist():
-        at: tuple[int, int] = (i, j)
-        known = beam[at] or (printed is not None and printed[at])
-        if known or abs(fea[at]) > max(error[at], 1e-4 * scale[at]):
-            published = None if printed is None else float(printed[at])
-            sources = (fea[at], error[at], simple[at], beam[at], published)
-            entries.append(Entry(*parts_of.entry_name(*at), *sources))
-    findings = _findings(robot, name, fea, simple, beam, printed)
+    for i, j in np.argwhere(np.triu(shown)).tolist():
+        others = {
+            source: None if matrix is None else float(matrix[i, j])
+            for source, matrix in sources.items()
+        }
+        own = (float(fea[i, j]), float(error[i, j]))
+        entries.append(Entry(*parts_of.entry_name(i, j), *own, **others))
+    findings = _findings(robot, name, fea, **sources)
     return Comparison(name, tuple(entries), tuple(findings))
 
 
-def _find_printed(robot: RobotFile, name: str) -> np.ndarray | None:
-    """Return the published compliance (6, 6) that applies to the part, or None.
-
-    None also if the part has another shape or material than the published one.
-    """
-    known = {n for n, part in robot.parts.items() if getattr(part, "published", None)}
-    if not parts_of.is_published_part(robot, name):
-        return None
-    if name in known or (known and robot.part(name).shape == "rod"):
-        return parts_of.published_compliance(robot, name)
-    return None
+def _list_sources(robot: RobotFile, name: str) -> dict[str, np.ndarray | None]:
+    """Return the compliance (6, 6) of a part by each source but FEA; None if it has none."""
+    simple = beam = printed = None
+    part = robot.part(name)
+    if "beam" in part.sources:
+        simple = parts_of.beam_compliance(robot, name, euler_bernoulli)
+        beam = parts_of.beam_compliance(robot, name)
+    # a matrix that was published is not of a part of another shape or material
+    own = parts_of.is_published_part(robot, name)
+    known = {n for n, each in robot.parts.items() if getattr(each, "published", None)}
+    by_formula = isinstance(part, ParametricPart) and part.made.published == "formula"
+    if own and (name in known or (known and by_formula)):
+        printed = parts_of.published_compliance(robot, name)
+    return {"euler_bernoulli": simple, "timoshenko": beam, "published": printed}
 
 
 def _findings(
     robot: RobotFile,
     name: str,
     fea: np.ndarray,
-    simple: np.ndarray,
-    beam: np.ndarray,
-    printed: np.ndarray | None,
+    *,
+    euler_bernoulli: np.ndarray | None,
+    timoshenko: np.ndarray | None,
+    published: np.ndarray | None,
 ) -> list[str]:
     """Return one sentence per assumption that fails."""
     part = robot.part(name)
     material = robot.material(name)
+    simple = euler_bernoulli
+    beam = timoshenko
+    printed = published
     if not isinstance(part, ParametricPart) or material is None:
         return []
-    plate = part.shape == "plate"
+    if simple is None or beam is None:
+        return [f"There is no beam theory of a {part.shape}: only the FEA stands here"]
+    shape = part.parameters()
     segments = parts_of.beam_segments(robot, name)
     length = sum(length for length, _ in segments)
     section = segments[0][1]
-    found = _not_in_beam_theory(robot, name)
+    found = []
+    if shape.beyond_beam:
+        present = " and ".join(shape.beyond_beam)
+        found.append(
+            f"Beam theory models the bare {shape.shape}: the {present} are in the FEA only"
+        )
     for i, axis in ((1, "y"), (2, "z")):
         share = 1 - simple[i, i] / beam[i, i]
         if share > 0.02:
-            slender = length / part.measure_across(axis)
+            slender = length / shape.across[i - 1]
             found.append(
                 f"C{i + 1}{i + 1}: shear makes {100 * share:.0f} % of the deflection along {axis}, where the "
                 f"part is only {slender:.2g} times as long as deep; Euler-Bernoulli neglects it"
             )
     narrowing = 1 - fea[4, 4] / beam[4, 4]
-    if plate and narrowing > 0.03 and not _not_in_beam_theory(robot, name):
+    if shape.is_plate and narrowing > 0.03 and not shape.beyond_beam:
         found.append(
             f"C33, C35, C55: a wide plate bends {100 * narrowing:.0f} % less about y than a beam, whose "
             "section is free to contract and expand sideways"
@@ -165,20 +181,3 @@ def _torsion(
             "web's side: a force along z through the centroid twists the beam"
         )
     return found
-
-
-def _not_in_beam_theory(robot: RobotFile, name: str) -> list[str]:
-    part = robot.part(name)
-    extras = {
-        "ribs": "rib_count",
-        "bolt holes": "hole_count",
-        "joint pads": "pad_height",
-    }
-    present = " and ".join(
-        word for word, key in extras.items() if getattr(part, key, 0)
-    )
-    return (
-        [f"Beam theory models the bare plate: the {present} are in the FEA only"]
-        if present
-        else []
-    )

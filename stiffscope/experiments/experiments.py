@@ -49,17 +49,6 @@ DYNAMICS = (
 EXPERIMENT = "experiment.npz"
 SOLID = "solid.json"
 FIELDS = "fields.vtu"
-_AT = "; twist (v, omega) and wrench (f, m) at the"
-AXES = {
-    "rod": f"x along the rod from its clamped end{_AT} centre of the loaded end",
-    "plate": "x away from the clamped face, y across, z through the plate, to the side of its ribs"
-    f"{_AT} centre of the loaded face",
-    **dict.fromkeys(
-        ("tube", "box", "i", "channel"),
-        f"x along the beam from its clamped end, y across, z along its height{_AT} centroid of the loaded end",
-    ),
-    "step": f"those of the STEP file, or of the frame chosen in it{_AT} loaded faces' reference point",
-}
 
 
 @dataclass(frozen=True)
@@ -161,7 +150,7 @@ class PartResult:
             **read("interface"),
             "foundation": order.settings.foundation,
             **self.accuracy,
-            "axes": AXES[order.shape],
+            "axes": order.axes,
             "solid": order.step.path.name if order.step else "parametric",
             **read("volume", "cad_volume"),
             **{name: self.solid[name] for name in ("mass", "mass_centre", "inertia")},
@@ -360,6 +349,7 @@ def describe_solid(part: Part) -> dict[str, Any]:
 
 
 def compliance_json(robot: RobotFile, result: PartResult) -> dict[str, Any]:
-    """Return a part's results as JSON data; beam theory only applies to parametric shapes."""
-    beam = beam_compliance(robot, result.name) if result.own_shape else None
+    """Return a part's results as JSON data; beam theory for the shapes that have one."""
+    theory = result.own_shape and "beam" in robot.part(result.name).sources
+    beam = beam_compliance(robot, result.name) if theory else None
     return {**result.facts, "beam": beam, "cached": result.reused}

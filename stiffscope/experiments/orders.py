@@ -6,7 +6,7 @@ import dataclasses
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from stiffscope.cad.solid import GREATEST_X, LEAST_X, build
 from stiffscope.cad.step import read_step
@@ -23,8 +23,7 @@ if TYPE_CHECKING:
     from stiffscope.cad.faces import FaceSelector
     from stiffscope.cad.materials import AnyMaterial
     from stiffscope.cad.part import Part
-    from stiffscope.cad.solid import Placement
-    from stiffscope.robot.file.part_sections import Dimensions
+    from stiffscope.cad.solid import Placement, SolidParameters
 
 LIBRARIES = (
     "build123d",
@@ -52,17 +51,26 @@ class StepOrder:
     couplings: tuple[tuple[str, str], ...] = ()
     placement: Placement | None = None
     reference_point: tuple[float, float, float] | None = None
+    shape: ClassVar[str] = "step"
+    axes: ClassVar[str] = (
+        "those of the STEP file, or of the frame chosen in it; twist (v, omega) and wrench (f, m) "
+        "at the loaded faces' reference point"
+    )
+
+    def lengths(self) -> dict[str, float]:
+        """Return the dimensions that can vary: none."""
+        return {}
 
 
 @dataclass(frozen=True)
 class PartOrder:
     """All inputs of a part's virtual experiment; the label is used in messages only.
 
-    The solid comes from dimensions (rod, plate, beam) or from a STEP file.
+    The solid comes from dimensions or from a STEP file.
     """
 
     name: str
-    solid: Dimensions | StepOrder
+    solid: SolidParameters | StepOrder
     material: AnyMaterial
     settings: Settings
     label: str = field(default="", compare=False)
@@ -75,7 +83,12 @@ class PartOrder:
     @property
     def shape(self) -> str:
         """Kind of solid: "rod", "plate", "box", ... or "step"."""
-        return "step" if isinstance(self.solid, StepOrder) else self.solid.shape
+        return self.solid.shape
+
+    @property
+    def axes(self) -> str:
+        """Part axes and reference point, in words."""
+        return self.solid.axes
 
     def key(self) -> str:
         """Return the cache key: hash of shape, material, settings, STEP file's content and code."""
@@ -210,7 +223,7 @@ def build_part(robot: RobotFile, name: str) -> Part:
         return order_part(robot, name).build()
 
 
-def _dimensions(robot: RobotFile, name: str) -> Dimensions:
+def _dimensions(robot: RobotFile, name: str) -> SolidParameters:
     """Return the shape of a parametric part, without parameters of absent features."""
     part = robot.part(name)
     if not isinstance(part, ParametricPart):

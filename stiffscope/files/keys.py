@@ -45,14 +45,10 @@ _KINDS: dict[Any, list[str]] = {}  # of bearings, by the section that describes 
 for _kind, _model in element_sections.ELEMENTS.items():
     _KINDS.setdefault(_model, []).append(_kind)
 TABLES = (
-    ('[parts.NAME], shape = "rod"', part_sections.RodPart),
-    ('[parts.NAME], shape = "plate"', part_sections.PlatePart),
     *(
         (f'[parts.NAME], shape = "{name}"', part)
-        for name, part in part_sections.BEAM_PARTS.items()
+        for name, part in part_sections.PARTS.items()
     ),
-    ('[parts.NAME], shape = "step"', part_sections.StepPart),
-    ('[parts.NAME], shape = "matrix"', part_sections.MatrixPart),
     ('[parts.NAME], shape = "matrix", with `interfaces`', part_sections.InterfacePart),
     ("[parts.NAME.mesh]", part_sections.Mesh),
     ("interfaces.NAME of a STEP part", part_sections.NamedFaces),
@@ -124,7 +120,8 @@ def _section_keys(kind: str, tables: Iterable[tuple[str, Any]]) -> dict[str, lis
 def _describe_field(kind: str, title: str, name: str, field: Any) -> Key:
     takes = _said(field.metadata) or _words_of(field.annotation)
     default = "**needed**" if field.is_required() else _default(field, takes)
-    return Key(name, _meaning(kind, title, name), takes, default)
+    means = field.description or _meaning(kind, title, name)
+    return Key(name, means, takes, default)
 
 
 def _robot_keys() -> dict[str, list[Key]]:
@@ -153,10 +150,12 @@ def all_keys() -> dict[str, dict[str, list[Key]]]:
     for name, parameters in EFFECTS.items():
         said = ", ".join(f"{parameter} ({unit})" for parameter, unit in parameters[:9])
         campaign["effects"].append(Key(name, said or "no parameters"))
-    others = {}
-    for each in slices().values():
+    others = dict[str, dict[str, list[Key]]]()
+    # a file's own sections stand before those that other slices add to it
+    ordered = sorted(slices().values(), key=lambda each: bool(each.sections))
+    for each in ordered:
         for kind, tables in each.keys:
-            others[kind] = _section_keys(kind, load(tables))
+            others.setdefault(kind, {}).update(_section_keys(kind, load(tables)))
     return {"robot": _robot_keys(), **others, "campaign": campaign}
 
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import tomlkit
 
 from stiffscope.errors import InputError
 from stiffscope.experiments.robot_files import robot_document
+from stiffscope.gap.effects.drives import ActuatorStiffness
 from stiffscope.gap.effects.effect import UNNAMED
-from stiffscope.gap.effects.masses import AddedMass, Gravity, Mass
-from stiffscope.gap.effects.vocabulary import apply_effect
+from stiffscope.gap.effects.masses import Gravity
+from stiffscope.gap.effects.vocabulary import apply_effect, find_kind
+from stiffscope.gap.inference.diagnosis import Parameter
 from stiffscope.runtime import output
 
 if TYPE_CHECKING:
@@ -20,6 +24,8 @@ if TYPE_CHECKING:
     from stiffscope.gap.inference.diagnosis import Diagnosis, Effect
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.nominal import NominalRobot
+
+_LEAST_TOGETHER = 2  # effects on drives that may share one
 
 
 def check_target(target: Path, robot: RobotFile | None) -> None:
@@ -77,8 +83,27 @@ def adopt(
     if left:
         raise InputError(f"--adopt: nothing is adopted: {'; '.join(left)}")
     document = robot_document(robot, target, components)
-    entries = [_entry(effect, diagnosis, campaign) for effect in found]
+    multiplied = _multiply_out(found, diagnosis)
+    entries = [_entry(effect, diagnosis, campaign) for effect in multiplied]
     output.write_new(target, _text(document, entries).encode())
+
+
+def _multiply_out(found: Sequence[Effect], diagnosis: Diagnosis) -> list[Effect]:
+    """Return effects with each drive's resulting factor where a set and a member both soften it."""
+    soft = [e for e in found if e.effect == ActuatorStiffness.word]
+    changed = {
+        name: drive
+        for name, drive in diagnosis.drives.items()
+        if drive.seen and drive.value != drive.stated
+    }
+    if len(soft) < _LEAST_TOGETHER or not changed:
+        return list(found)
+    out = [e for e in found if e not in soft]
+    for name, drive in changed.items():
+        factor = Parameter(drive.value / drive.stated, drive.sigma / drive.stated, "1")
+        own = {"place": name, "parameters": {"factor": factor}, "errors": {}}
+        out.append(replace(soft[0], **own))
+    return out
 
 
 def _refusals(
@@ -86,11 +111,15 @@ def _refusals(
 ) -> Iterator[str]:
     """Yield reasons why effects cannot be adopted. heavy: whether the robot's weight will act."""
     for effect in found:
-        if effect.effect in {AddedMass.word, Mass.word} and not heavy:
-            yield f"{effect.effect} @ {effect.place}: masses count only where gravity is modelled"
-            continue
         if effect.effect == UNNAMED:
             yield f"{effect.place}: fitted together with the effects, but not a known effect"
+            continue
+        if find_kind(effect.effect).weighs and not heavy:
+            yield f"{effect.effect} @ {effect.place}: masses count only where gravity is modelled"
+            continue
+        strange = [n for n, p in effect.parameters.items() if not p.plausible]
+        if strange:
+            yield f"{effect.effect} @ {effect.place}: {', '.join(strange)} is not plausible"
             continue
         try:
             apply_effect(bare, effect.effect, effect.place, _values(effect))
@@ -127,11 +156,12 @@ def _entry(effect: Effect, diagnosis: Diagnosis, campaign: str) -> dict[str, Any
         "confused_with": list(effect.confused_with),
         "gap_before": _round(gap.nominal),
         "gap_after": _round(gap.explained),
-        "gap_held_out": _round(gap.held_out),
         "gap_noise": _round(gap.noise),
         "unit": "% rms",
         "sigma": {name: _round(p.sigma) for name, p in effect.parameters.items()},
     }
+    if math.isfinite(gap.held_out):
+        provenance["gap_held_out"] = _round(gap.held_out)
     return {
         "effect": effect.effect,
         "place": effect.place,

@@ -150,9 +150,9 @@ def open_case(
         return Case(folder.resolve().name, folder, campaign, None)
     robot = load_robot(instead or _robot_of(folder, campaign, campaign.robot))
     campaign = match_robot(campaign, robot)
-    if robot.carries("gravity") and "gravity" not in campaign.modelled:
+    if robot.carries("gravity") and not campaign.is_weighed:
         campaign = dataclasses.replace(
-            campaign, modelled=(*campaign.modelled, "gravity")
+            campaign, modelled=(*(campaign.modelled or ()), "gravity")
         )
     return Case(folder.resolve().name, folder, campaign, robot)
 

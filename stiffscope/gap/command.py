@@ -101,7 +101,7 @@ def diagnose(
             about = {
                 "campaign": case.name,
                 "components": c.components,
-                "modelled": c.modelled,
+                "modelled": c.modelled or (),
             }
             adopt_effects(adopt, nominal.robot, robot, diagnosis, **about)
 
@@ -139,7 +139,7 @@ def _write_page(
     if nominal is None:
         facts.append("the model under test is the campaign's own predictions")
     else:
-        modelled = f"modelled: {', '.join(case.campaign.modelled) or 'no effect'}"
+        modelled = f"modelled: {', '.join(case.campaign.modelled or ()) or 'no effect'}"
         facts.append(
             f"nominal robot {nominal.robot.name} ({tables.sources(nominal)}; {modelled})"
         )

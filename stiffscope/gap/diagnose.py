@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.gap.drive_table import list_drives
 from stiffscope.gap.forward.column_model import ColumnModel
 from stiffscope.gap.forward.misread_frames import find_misread
 from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
@@ -41,6 +42,7 @@ from stiffscope.gap.inference.plausibility import (
 )
 from stiffscope.gap.inference.posterior_samples import draw_internal, draw_samples
 from stiffscope.gap.inference.residuals import percent_rms, rms_by_kind
+from stiffscope.gap.inference.settings import VERDICT
 from stiffscope.gap.inference.verdict import (
     doubtful,
     judge_findings,
@@ -112,7 +114,10 @@ def forward_model(campaign: Campaign, robot: NominalRobot | None) -> ForwardMode
 
 def conclude(found: Findings) -> Diagnosis:
     """Return the diagnosis of a search: the verdict with all its numbers."""
-    others = _under_other_priors(found)
+    others = {
+        prior: (other, judge_findings(other).verdict)
+        for prior, other in _under_other_priors(found).items()
+    }
     judgement = settle_verdict(found, judge_findings(found), others)
     reported = judgement.hypothesis
     joint = (
@@ -134,7 +139,10 @@ def conclude(found: Findings) -> Diagnosis:
     gap = _gap(found, reported, residual)
     beyond = judgement.verdict in {"partly", "unexplained"}
     together = correlation(found, reported)
-    open_ones = doubtful(found, judgement.effects)[:_LISTED]
+    listed = 1.0 - VERDICT.unlisted if judgement.verdict == "unexplained" else 1.0
+    open_ones = [
+        (name, listed * p) for name, p in doubtful(found, judgement.effects)[:_LISTED]
+    ]
     widened = f"{together}: intervals are widened by a discrepancy"
     remarks = (
         *found.problem.noise.remarks,
@@ -147,34 +155,36 @@ def conclude(found: Findings) -> Diagnosis:
     names = [c.name for c in judgement.effects]
     beside = [c for c in joint.candidates if names and c.name not in names]
     sensitivity = tuple(
-        Sensitivity(
-            prior,
-            judge_findings(o).verdict,
-            {n: o.compute_probability(n) for n in names},
-        )
-        for prior, o in others.items()
+        Sensitivity(prior, verdict, {n: o.compute_probability(n) for n in names})
+        for prior, (o, verdict) in others.items()
     )
     return Diagnosis(
         judgement.verdict,
         gap,
         effects,
-        _alternatives(found, reported if effects else None),
+        tuple(
+            replace(each, probability=listed * each.probability)
+            for each in _alternatives(found, reported if effects else None)
+        ),
         locate_residuals(found, reported, beyond=beyond),
         *find_next(found, effects, is_open=judgement.verdict == "ambiguous"),
         remarks,
         _steps(gap, effects),
         signature_correlation(found),
         tuple(Possible(*name.split(" @ "), p) for name, p in open_ones),  # type: ignore[arg-type]
-        sensitivity,
-        check,
-        draw_samples(
+        sensitivity=sensitivity,
+        held_out_check=check,
+        samples=draw_samples(
             found,
             averaged if effects else [(reported, 1.0)],
             judgement.effects,
             held_out,
             reported,
         ),
-        tuple(_describe(found, joint, reported, c, [(joint, 1.0)]) for c in beside),
+        beside=tuple(
+            _describe(found, joint, reported, c, [(joint, 1.0)]) for c in beside
+        ),
+        drives=list_drives(found, joint, left),
     )
 
 
@@ -187,7 +197,11 @@ def _effects(
     for candidate in sorted(judgement.effects, key=lambda c: -share[c.name]):
         group = found.group(candidate.name)
         effect = _describe(found, joint, judgement.hypothesis, candidate, averaged)
-        own = {"confused_with": group.others, "group_probability": group.probability}
+        alike = judgement.alike.get(candidate.name, ())
+        names = tuple(dict.fromkeys([*group.others, *alike]))
+        shared = effect.probability / (1.0 + len(alike))
+        effect = replace(effect, probability=shared)
+        own = {"confused_with": names, "group_probability": group.probability}
         out.append(replace(effect, share=share[candidate.name], **own))
     return tuple(out)
 
@@ -204,14 +218,37 @@ def _describe(
     alone = found.fit_effects([c])
     left = found.percent_rms(alone if alone is reported else found.fit_plainly(alone))
     parameters = {} if c.is_nuisance else _average_parameters(c.name, joint, averaged)
-    return Effect(
-        c.effect,
-        c.place,
-        probability,
-        left,
-        parameters,
-        errors=_errors(c, *own_part(joint, c.name)),
+    errors = _errors(c, *own_part(joint, c.name))
+    if _is_open(c, parameters):
+        errors = parameters  # one of the values that make up these sums
+        parameters = _sums(c, *own_part(joint, c.name))
+    return Effect(c.effect, c.place, probability, left, parameters, errors=errors)
+
+
+def _is_open(candidate: Candidate, parameters: dict[str, Parameter]) -> bool:
+    """Return whether readings show sums of parameters, but not these within their range."""
+    if not candidate.sums or not parameters:
+        return False
+    ends = zip(parameters.values(), candidate.plausible, strict=True)
+    return any(
+        p.sigma > 0.0 and (p.interval[0] < low or p.interval[1] > high)
+        for p, (low, high) in ends
+        if p.unit == "m"
     )
+
+
+def _sums(
+    candidate: Candidate, values: Array, covariance: Array
+) -> dict[str, Parameter]:
+    """Return the sums of an effect's internal parameters with intervals."""
+    out: dict[str, Parameter] = {}
+    for name, unit, coefficients in candidate.sums:
+        along = np.array(coefficients)
+        value = float(along @ values)
+        sigma = float(np.sqrt(max(along @ covariance @ along, 0.0)))
+        low, high = (value + sigma * end for end in quantiles(0.0, 1.0).tolist())
+        out[name] = Parameter(value, sigma, unit, interval=(low, high), nominal=0.0)
+    return out
 
 
 def _average_parameters(
@@ -328,7 +365,7 @@ def _check(
     spread = np.einsum("ni,ij,nj->n", x, known.covariance, x).clip(min=0.0)
     z: Array = residual / np.sqrt(1.0 + spread)
     seen = z[found.used_readings]
-    if not len(seen):
+    if not len(seen) or np.isnan(seen).any():
         return None, z
     widest = float(quantiles(0.0, 1.0)[1])
     inside = float(np.mean(np.abs(seen) <= widest))
@@ -392,8 +429,14 @@ def _steps(gap: Gap, effects: tuple[Effect, ...]) -> tuple[tuple[str, float], ..
     """Return the gap before, after each effect alone, after all, held out, and by noise alone."""
     alone = [(f"{e.effect} @ {e.place}", e.gap_after) for e in effects]
     together = [("together", gap.explained)] if len(alone) > 1 else []
-    ends = ("held out", gap.held_out), ("noise", gap.noise)
-    return (("nominal", gap.nominal), *alone, *together, *ends)
+    held_out = [("held out", gap.held_out)] if np.isfinite(gap.held_out) else []
+    return (
+        ("nominal", gap.nominal),
+        *alone,
+        *together,
+        *held_out,
+        ("noise", gap.noise),
+    )
 
 
 def _unseen(

@@ -311,11 +311,81 @@ def _any_joint(holds: Callable[[Joint], Any]) -> Callable[[Machine, str], bool]:
 
 @dataclass(frozen=True)
 class Word:
-    """A kind of fault: its parameters, its injector, and whether it can act at a place."""
+    """A kind of fault: its parameters, its injector, and where it can act."""
 
     names: tuple[str, ...]
     inject: Injector
     acts_on: Callable[[Machine, str], Any] = lambda _machine, _place: True
+    """Whether it can act at a place."""
+    where: Callable[[Sequence[str]], tuple[str, ...]] | None = None
+    """Its places for given sensors; None: elements and sets of them on which it acts."""
+    of_readings: bool = False
+    """Whether it changes displacements as they are read, which a tracker's are not."""
+    steps: tuple[Mapping[str, float], ...] = ()
+    """Small steps of its parameters, for derivatives of readings."""
+
+
+INSTRUMENT = "instrument"
+_TURN = 1e-3  # rad, or relative: step for derivatives
+
+
+def _at(*places: str) -> Callable[[Sequence[str]], tuple[str, ...]]:
+    return lambda _sensors: places
+
+
+def _at_instruments(sensors: Sequence[str]) -> tuple[str, ...]:
+    return (INSTRUMENT, *sensors)
+
+
+def _at_channels(sensors: Sequence[str]) -> tuple[str, ...]:
+    return (INSTRUMENT, *(sensors or COORDINATES))
+
+
+def _at_single_channels(sensors: Sequence[str]) -> tuple[str, ...]:
+    return tuple(sensors or COORDINATES)
+
+
+def _at_pairs(sensors: Sequence[str]) -> tuple[str, ...]:
+    """Return pairs of axes, or of components of the force, that may be exchanged."""
+    axes = () if sensors else ("x/y", "y/z", "x/z")
+    return (*axes, "fx/fy", "fy/fz", "fx/fz")
+
+
+def _bend_drives(machine: Machine, place: str, parameters: Parameters) -> Machine:
+    """Give drives one stiffness up to a load and another beyond it."""
+    load, factor = name_parameters(parameters, "load", "factor")
+    start = parameters.get("start", 1.0)
+    slots: list[Slot] = []
+    for name, joint in _drives(machine, place).items():
+        k = joint.drive.stiffness
+        corner = load / (start * k), load
+        far = corner[0] + 100.0 * load / (factor * k), 101.0 * load
+        along = DRIVEN[joint.kind]
+        slots.append(Slot(name, along, "curve", 0.0, k, points=(corner, far)))
+    return replace(machine, slots=(*machine.slots, *slots))
+
+
+def _leak_force(machine: Machine, place: str, parameters: Parameters) -> Machine:
+    """Let a force sensor show shares of one component in the others."""
+    leak = machine.instrument.leak.copy()
+    leak[:, _FORCES.index(place)] += name_parameters(parameters, *_FORCES)
+    return change_instrument(machine, leak=leak)
+
+
+def _change_weight(machine: Machine, place: str, parameters: Parameters) -> Machine:
+    """Make the loads of one stated size, such as "20 N", lighter or heavier."""
+    weights = {**machine.instrument.weights, place: parameters["factor"]}
+    return change_instrument(machine, weights=weights)
+
+
+def _swap_columns(machine: Machine, place: str, _: Parameters) -> Machine:
+    first, second = place.split("/")
+    return change_instrument(
+        machine, swaps=(*machine.instrument.swaps, (first, second))
+    )
+
+
+_FORCES = ("fx", "fy", "fz")
 
 
 KNOWN: dict[str, Word] = {
@@ -331,6 +401,14 @@ KNOWN: dict[str, Word] = {
         ("factor",),
         _driven(lambda d, v: replace(d, stiffness=d.stiffness * v), "factor"),
         _drives,
+    ),
+    "friction": Word(("force",), _yield_by("friction", "force", _find_driven), _drives),
+    "preload-loss": Word(("load", "factor", "start"), _bend_drives, _drives),
+    "tool-offset": Word(
+        COORDINATES,
+        lambda m, _, v: replace(m, shift=m.shift + name_parameters(v, *COORDINATES)),
+        _allow_only("tool"),
+        where=_at("tool"),
     ),
     "joint-stiffness": Word(
         ("factor", "stiffness"),
@@ -364,6 +442,7 @@ KNOWN: dict[str, Word] = {
         lambda m, at: (
             m.gravity.any() and any(b.mass for b in _find_rigid(m, at).values())
         ),
+        steps=({"factor": 1.0 + _TURN},),
     ),
     "link-stiffness": Word(
         ("factor",),
@@ -391,33 +470,65 @@ KNOWN: dict[str, Word] = {
         _YIELDING,
         lambda m, _, v: replace(m, base=m.base + _support(v)),
         _allow_only("base"),
+        where=_at("base"),
     ),
     "platform-compliance": Word(
         _YIELDING,
         lambda m, _, v: replace(m, platform=m.platform + _support(v)),
         _allow_only("tool", "platform"),
+        where=_at("tool"),
     ),
-    "instrument-misalignment": Word(ROTATIONS, turn_instrument),
+    "instrument-misalignment": Word(
+        ROTATIONS,
+        turn_instrument,
+        where=_at_instruments,
+        of_readings=True,
+        steps=tuple({axis: _TURN} for axis in ROTATIONS),
+    ),
     "displacement-scale": Word(
-        ("factor",), lambda m, at, v: multiply(m, at, v["factor"], "scales")
+        ("factor",),
+        lambda m, at, v: multiply(m, at, v["factor"], "scales"),
+        where=_at_instruments,
+        of_readings=True,
+        steps=({"factor": 1.0 + _TURN},),
     ),
-    "unit": Word(("factor",), lambda m, at, v: multiply(m, at, v["factor"])),
-    "sensor-sign": Word((), lambda m, at, _: multiply(m, at, -1.0)),
-    "sensor-step": Word(("jump", "row"), slip_channel),
+    "unit": Word(
+        ("factor",),
+        lambda m, at, v: multiply(m, at, v["factor"]),
+        where=_at_channels,
+        of_readings=True,
+    ),
+    "sensor-sign": Word(
+        (), lambda m, at, _: multiply(m, at, -1.0), where=_at_channels, of_readings=True
+    ),
+    "sensor-step": Word(
+        ("jump", "row"), slip_channel, where=_at_single_channels, of_readings=True
+    ),
+    "column-swap": Word((), _swap_columns, where=_at_pairs, of_readings=True),
+    "force-cross-talk": Word(
+        _FORCES,
+        _leak_force,
+        _allow_only(*_FORCES),
+        where=_at(*_FORCES),
+        steps=tuple({axis: _TURN} for axis in _FORCES),
+    ),
+    "load-value": Word(("factor",), _change_weight, where=_at()),
     "force-scale": Word(
         ("factor",),
         lambda m, _, v: change_instrument(m, force=m.instrument.force * v["factor"]),
-        _allow_only("instrument"),
+        _allow_only(INSTRUMENT),
+        where=_at(INSTRUMENT),
+        steps=({"factor": 1.0 + _TURN},),
     ),
 }
-"""Known effects except `geometry`; a part's dimension is given as the entries of its new 6x6."""
+"""Known effects except `geometry`; a part's dimension is given as the entries of its new 6x6.
+
+A light weight has no place here, as a plan of the laboratory has loads of one size.
+"""
 
 OUTSIDE: dict[str, Word] = {
     "hardening-drive": Word(
         ("cubic",), _yield_by("hardening", "cubic", _find_driven), _drives
-    ),
-    "drive-friction": Word(
-        ("force",), _yield_by("friction", "force", _find_driven), _drives
     ),
     "stiffening-joint": Word(
         ("radial", "knee"),
@@ -434,6 +545,7 @@ OUTSIDE: dict[str, Word] = {
         ("x", "y", "z"),
         lambda m, _, v: replace(m, cable=m.cable + name_parameters(v, "x", "y", "z")),
         _allow_only("tool"),
+        where=_at("tool"),
     ),
     "screw-pitch": Word(
         ("relative",),

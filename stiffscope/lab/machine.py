@@ -200,6 +200,12 @@ class Instrument:
     """Rotations (3,) and scales of channels, or of the whole "instrument"."""
     factors: Mapping[str, float] = field(default_factory=dict[str, float])
     """Factor on the recorded numbers of a channel, or of the "instrument"."""
+    leak: Array = field(default_factory=lambda: _zeros(3, 3))
+    """Shares of the true force's components that the force sensor adds to others."""
+    weights: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Ratio of true to stated load, by the stated size, such as "20 N"."""
+    swaps: tuple[tuple[str, str], ...] = ()
+    """Pairs of channels, or of components of the force, that are exchanged in the table."""
     steps: Mapping[str, tuple[float, float]] = field(default_factory=dict[str, Any])
     """First row of the table after a slip, and its size, m or rad, by channel."""
 
@@ -225,6 +231,8 @@ class Machine:
     """Compliances at {O} and at M, base axes at home."""
     cable: Array = field(default_factory=lambda: _zeros(3))
     """Stiffness along x, y, z of a cable chain between frame and tool, unloaded at home, N/m."""
+    shift: Array = field(default_factory=lambda: _zeros(6))
+    """Where the tool point and its axes really are, against M: (x, y, z, rx, ry, rz) at home."""
     payloads: tuple[Payload, ...] = ()
     slots: tuple[Slot, ...] = ()
     instrument: Instrument = field(default_factory=Instrument)

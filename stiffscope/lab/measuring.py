@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import DEVIATION, WRENCH
+from stiffscope.gap.campaign.quantities import KINDS, WRENCH
 from stiffscope.gap.campaign.writing import (
     describe_sensor,
     number_cells,
@@ -22,7 +22,7 @@ from stiffscope.lab.response import Response, Spot, respond, tool_spot
 from stiffscope.lab.rotations import lever, skew
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -32,10 +32,8 @@ if TYPE_CHECKING:
     from stiffscope.lab.rotations import Array
 
     Codes = NDArray[np.int64]
-    Kind = Literal["deflection", "deviation", "stiffness"]
     Measures = Literal["displacement", "rotation"]
 
-KINDS: tuple[Kind, ...] = ("deflection", "deviation", "stiffness")
 MEASURES: tuple[Measures, ...] = ("displacement", "rotation")
 
 
@@ -78,7 +76,7 @@ class Plan:
             return self.sensors
         axes = dict(zip("xyz", np.eye(3), strict=True))
         move, turn = (
-            partial(Sensor, measures=what, node=TOOL, at=machine.at)
+            partial(Sensor, measures=what, node=TOOL, at=tool_spot(machine).at)
             for what in MEASURES
         )
         return tuple(
@@ -118,7 +116,7 @@ class Readings:
     load: Codes
     """Index into the plan's loads; -1 for none."""
     kind: Codes
-    """Index into `KINDS`."""
+    """Index into `RECORDED`."""
     channel: Codes
     value: Array
     sigma: Array
@@ -139,11 +137,16 @@ class Readings:
         return each[self.channel]
 
     def shows(self, place: str) -> NDArray[np.bool_]:
-        """Return flags (n,) of a channel's readings; of "instrument" all but stiffnesses."""
+        """Return flags (n,) of a channel's readings; of "instrument" all that are displayed."""
         named = np.array(
             [place in {"instrument", sensor.name} for sensor in self.channels]
         )
-        return named[self.channel] & (self.kind != 2)
+        return named[self.channel] & self.is_displayed
+
+    @property
+    def is_displayed(self) -> NDArray[np.bool_]:
+        """Flags (n,) of readings that a display shows, with its drift, steps and digits."""
+        return np.array([each.is_displayed for each in RECORDED])[self.kind]
 
 
 def true_readings(
@@ -170,24 +173,15 @@ def true_readings(
     seen = _gains(machine, response, channels)
     p = len(plan.poses)
     c = len(channels)
-    blocks: list[tuple[int, Array]] = []
-    away = partial(_displacements, machine, plan, response, channels, seen)
-    if plan.loads:
-        blocks.append(
-            (
-                0,
-                away(plan.loads)
-                if plan.frame
-                else _deflections(machine, plan, response, seen),
-            )
-        )
-    if plan.deviations:
-        blocks.append((1, away([("", np.zeros(6))])))
-    if plan.stiffness:
-        blocks.append((2, _stiffnesses(machine, plan, seen)[:, None]))
+    bench = Bench(machine, plan, response, channels, seen)
+    planned = [k for k, each in enumerate(RECORDED) if each.is_planned(plan)]
+    blocks = [(k, RECORDED[k].measure(bench)) for k in planned]
     keys: list[Codes] = []
+    names = [sensor.name for sensor in channels]
+    order = _swap_channels(machine.instrument, names)
+    blocks = [(k, shown[:, :, order] if k < 2 else shown) for k, shown in blocks]
     for kind, shown in blocks:  # (p, loads, channels)
-        loads = range(shown.shape[1]) if kind == 0 else (-1,)
+        loads = range(shown.shape[1]) if RECORDED[kind].is_loaded else (-1,)
         every = [*product(range(p), loads, (kind,), range(c))]
         keys.append(np.array(every, dtype=np.int64).reshape(-1, 4).T)
     value = np.concatenate([shown.ravel() for _, shown in blocks])
@@ -205,6 +199,17 @@ def true_readings(
     ) in machine.instrument.steps.items():  # the first readings are on line 2
         value = value + jump * (rows.shows(name) & (np.arange(len(value)) + 2 >= line))
     return replace(rows, value=_find_factors(machine.instrument, rows) * value)
+
+
+def _swap_channels(instrument: Instrument, names: Sequence[str]) -> list[int]:
+    """Return the channels (c,) whose numbers stand in the place of each."""
+    order = list(range(len(names)))
+    for first, second in instrument.swaps:
+        if first in names and second in names:
+            i = names.index(first)
+            j = names.index(second)
+            order[i], order[j] = order[j], order[i]
+    return order
 
 
 def _gains(machine: Machine, response: Response, channels: tuple[Sensor, ...]) -> Array:
@@ -242,6 +247,15 @@ def _make_mixing(instrument: Instrument, channels: tuple[Sensor, ...]) -> Array:
 def _true_wrench(instrument: Instrument, stated: Array) -> Array:
     """Return the true wrench (…, 6) at the stated point for a stated wrench."""
     out = instrument.force * stated
+    for first, second in instrument.swaps:
+        if first in WRENCH:
+            columns = [WRENCH.index(first), WRENCH.index(second)]
+            out[..., columns] = out[..., columns[::-1]]
+    size = np.linalg.norm(stated[..., :3], axis=-1, keepdims=True)
+    for value, factor in instrument.weights.items():
+        out = np.where(np.isclose(size, float(value.split()[0])), factor * out, out)
+    mixing = np.linalg.inv(np.eye(3) + instrument.leak)
+    out = np.concatenate([out[..., :3] @ mixing.T, out[..., 3:]], axis=-1)
     moment = np.cross(instrument.application, out[..., :3])
     return np.concatenate([out[..., :3], out[..., 3:] + moment], axis=-1)
 
@@ -263,15 +277,21 @@ def _apply(
 
 
 def _settle_slots(
-    machine: Machine, response: Response, force: Array, *, gaps: bool
+    machine: Machine, response: Response, force: Array, *, gaps: bool, held: bool = True
 ) -> Array:
-    """Return the lost motion (p, m, slots) at slot forces (p, m, slots); see `settle`."""
+    """Return the lost motion (p, m, slots) at slot forces (p, m, slots); see `settle`.
+
+    held: whether friction holds; it does not hold the weight of a robot at rest.
+    """
     p, m, s = force.shape
     own = response.force[:, None, :, response.dead + 1 :]
     coupling = np.broadcast_to(own, (p, m, s, s)).reshape(p * m, s, s)
-    return settle(machine.slots, coupling, force.reshape(p * m, s), gaps=gaps).reshape(
-        p, m, s
-    )
+    slots = [
+        replace(slot, size=0.0) if slot.law == "friction" and not held else slot
+        for slot in machine.slots
+    ]
+    lost = settle(slots, coupling, force.reshape(p * m, s), gaps=gaps)
+    return lost.reshape(p, m, s)
 
 
 def _deflections(
@@ -302,13 +322,16 @@ def _displacements(
     cases[:, :, response.dead] = 1.0
     force = np.einsum("nsc,nmc->nms", response.force, cases)
     cases[:, :, response.dead + 1 :] = _settle_slots(
-        machine, response, force, gaps=True
+        machine, response, force, gaps=True, held=False
     )
     rigid: list[Array] = []
     for s in channels:
         moved = response.shift(Spot(s.node, s.at)) - response.shift(
             Spot(s.node, s.at), s.against
         )
+        if not plan.sensors:
+            turned = response.nominal.rotation[TOOL]
+            moved = moved + (machine.shift.reshape(2, 3) @ turned.mT).reshape(-1, 6)
         rigid.append(_read_channel(machine.instrument, s, moved))
     shift = np.stack(rigid, axis=1) @ _make_mixing(machine.instrument, channels).T
     return shift[:, None] + np.einsum("nkc,nmc->nmk", seen, cases)
@@ -322,6 +345,104 @@ def _stiffnesses(machine: Machine, plan: Plan, seen: Array) -> Array:
     return np.einsum("nii->ni", np.linalg.inv(shown))
 
 
+@dataclass(frozen=True)
+class Bench:
+    """A machine with its response at the poses of a plan."""
+
+    machine: Machine
+    plan: Plan
+    response: Response
+    channels: tuple[Sensor, ...]
+    seen: Array
+    """Readings (p, c, cases) of each channel for the response's cases."""
+
+    def displace(self, loads: Sequence[tuple[str, Array]]) -> Array:
+        """Return displacements (p, m, c) under loads from where the machine is commanded."""
+        where = self.machine, self.plan, self.response
+        return _displacements(*where, self.channels, self.seen, loads)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recorded:
+    """What the laboratory records of a kind of readings. No fact has a default."""
+
+    name: str
+    letter: Callable[[Plan], str]
+    """First letter of its quantities at M."""
+    is_planned: Callable[[Plan], bool]
+    measure: Callable[[Bench], Array]
+    """Function that returns the noise-free readings (p, m, c) under m loads."""
+    is_loaded: bool
+    """Whether it is read under each load of the plan; else once a pose."""
+    wrench: float
+    """Wrench components in the table where it is not read under loads."""
+    is_displayed: bool
+    """Whether a display shows it, with its drift, steps and digits."""
+    gain_sign: float
+    """Exponent, 1 or -1, with which it follows the gain of its instrument."""
+    is_positive: bool
+    scatter: Callable[[Noise, Array, Array], Array]
+    """Standard deviations (n,) by noise, values (n,) and those of displacements (n,)."""
+
+
+def _measure_under_loads(bench: Bench) -> Array:
+    if bench.plan.frame:
+        return bench.displace(bench.plan.loads)
+    return _deflections(bench.machine, bench.plan, bench.response, bench.seen)
+
+
+DEFLECTED = Recorded(
+    name="deflection",
+    letter=lambda _: "d",
+    is_planned=lambda plan: bool(plan.loads),
+    measure=_measure_under_loads,
+    is_loaded=True,
+    wrench=np.nan,
+    is_displayed=True,
+    gain_sign=1.0,
+    is_positive=False,
+    scatter=lambda _noise, _value, usual: usual,
+)
+DEVIATED = Recorded(
+    name="deviation",
+    letter=lambda _: "e",
+    is_planned=lambda plan: plan.deviations,
+    measure=lambda bench: bench.displace([("", np.zeros(6))]),
+    is_loaded=False,
+    wrench=0.0,
+    is_displayed=True,
+    gain_sign=1.0,
+    is_positive=False,
+    scatter=lambda _noise, _value, usual: usual,
+)
+STIFF = Recorded(
+    name="stiffness",
+    letter=lambda plan: plan.stiffness,
+    is_planned=lambda plan: plan.stiffness != "",
+    measure=lambda bench: _stiffnesses(bench.machine, bench.plan, bench.seen)[:, None],
+    is_loaded=False,
+    wrench=np.nan,
+    is_displayed=False,
+    gain_sign=-1.0,
+    is_positive=True,
+    scatter=lambda noise, value, _usual: noise.stiffness * np.abs(value),
+)
+
+RECORDS: dict[str, tuple[Recorded, ...]] = {
+    "deflection": (DEFLECTED,),
+    "deviation": (DEVIATED,),
+    "stiffness": (STIFF,),
+    "push": (STIFF,),  # as the plan says
+    "frequency": (),  # no modal test is simulated
+    "position": (DEFLECTED, DEVIATED),  # displacements, until `measure` adds places
+}
+"""What the laboratory records for each kind of a campaign; none if it does not measure it."""
+if set(RECORDS) != set(KINDS):
+    unsaid = ", ".join(sorted(set(RECORDS) ^ set(KINDS)))
+    raise TypeError(f"the laboratory does not say how it measures kinds: {unsaid}")
+RECORDED = tuple(dict.fromkeys(each for own in RECORDS.values() for each in own))
+
+
 def _drift(instrument: Instrument, rows: Readings) -> Array:
     """Return the values (n,) read with an instrument that drifts during the campaign."""
     time = np.linspace(0.0, 1.0, len(rows.value))
@@ -330,7 +451,10 @@ def _drift(instrument: Instrument, rows: Readings) -> Array:
         last, 1 + instrument.bad_session, 1.0
     )
     drift = np.array(instrument.drift)[rows.turns]
-    return np.where(rows.kind == 2, rows.value / gain, rows.value * gain + drift * time)
+    sign = np.array([each.gain_sign for each in RECORDED])[rows.kind]
+    # a product and a quotient, since a power rounds
+    seen = np.where(sign < 0, rows.value / gain, rows.value * gain)
+    return np.where(rows.is_displayed, seen + drift * time, seen)
 
 
 def _find_factors(instrument: Instrument, rows: Readings) -> Array:
@@ -344,7 +468,9 @@ def _find_factors(instrument: Instrument, rows: Readings) -> Array:
 def sigma_of(rows: Readings, noise: Noise) -> Array:
     """Return the standard deviations (n,) of the readings."""
     sigma = np.array([noise.displacement, noise.rotation])[rows.turns]
-    return np.where(rows.kind == 2, noise.stiffness * np.abs(rows.value), sigma)
+    for k, each in enumerate(RECORDED):
+        sigma = np.where(rows.kind == k, each.scatter(noise, rows.value, sigma), sigma)
+    return sigma
 
 
 def measure(
@@ -374,7 +500,7 @@ def measure(
     sigma = sigma * np.exp(noise.spread * rng.standard_normal(n))
     value = rows.value + sigma * rng.standard_normal(n)
     step = np.array(instrument.quantum)[rows.turns]
-    coarse = (step > 0) & (rows.kind != 2)
+    coarse = (step > 0) & rows.is_displayed
     value = np.where(
         coarse, np.round(value / np.where(coarse, step, 1.0)) * step, value
     )
@@ -382,7 +508,8 @@ def measure(
     value = value + np.where(
         wild, sigma * rng.uniform(20, 100, n) * rng.choice([-1, 1], n), 0.0
     )
-    value = np.where(rows.kind == 2, np.maximum(np.abs(value), 1.0), value)
+    positive = np.array([each.is_positive for each in RECORDED])[rows.kind]
+    value = np.where(positive, np.maximum(np.abs(value), 1.0), value)
     if plan.frame is not None:  # rows: x, y, z of each target
         axes, origin = plan.frame
         at = drawn_targets(machine, plan, located)[
@@ -462,19 +589,17 @@ def write_readings(
     wrench = np.full((len(readings.value), 6), np.nan)
     for k, (_, stated) in enumerate(plan.loads):
         wrench[readings.load == k] = stated
-    wrench[readings.kind == DEVIATION] = 0.0
+    for k, each in enumerate(RECORDED):
+        if not each.is_loaded:
+            wrench[readings.kind == k] = each.wrench
     columns |= {name: number_cells(wrench[:, k]) for k, name in enumerate(WRENCH)}
     names = [sensor.name for sensor in readings.channels]
     if plan.sensors:
         columns["sensor"] = [names[k] for k in readings.channel.tolist()]
         if plan.frame is None:
-            columns["kind"] = [KINDS[k] for k in readings.kind.tolist()]
+            columns["kind"] = [RECORDED[k].name for k in readings.kind.tolist()]
     else:
-        letters = (
-            "d",
-            "e",
-            plan.stiffness,
-        )  # of deflections, deviations, stiffnesses at M
+        letters = [each.letter(plan) for each in RECORDED]
         codes = zip(readings.kind.tolist(), readings.channel.tolist(), strict=True)
         columns["quantity"] = [
             letters[kind] + names[channel] for kind, channel in codes

@@ -50,6 +50,8 @@ def settle(
             if slot.law == "play":
                 if gaps:
                     following[:, k] = _in_gap(slot, out[:, k], carried[:, k], own[:, k])
+            elif slot.law == "friction" and not gaps:
+                continue  # a robot at rest is relaxed: friction holds what is applied to it
             else:
                 value, slope = lost_motion(slot, carried[:, k])
                 following[:, k] = out[:, k] + (value - out[:, k]) / (

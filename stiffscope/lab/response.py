@@ -88,8 +88,8 @@ class Response:
 
 
 def tool_spot(machine: Machine) -> Spot:
-    """Return M."""
-    return Spot(TOOL, machine.at)
+    """Return the tool point, where it really is."""
+    return Spot(TOOL, machine.at + machine.shift[:3])
 
 
 def respond(

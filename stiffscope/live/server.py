@@ -1,5 +1,6 @@
 """Local server of the live view: a page with a token in its address, and a web socket.
 
+Each socket, which is each open page, has its own robot: settings and answers of two pages do not mix.
 Only the newest setting is evaluated. Virtual experiments run in the background and report progress;
 until they finish, the page shows the previous robot.
 """
@@ -9,10 +10,11 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import json
+import os
 import secrets
 import threading
 import time
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,7 +35,7 @@ from stiffscope.report.pictures import open_drawing
 from stiffscope.report.terminal import record_shown
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.json_text import to_json
-from stiffscope.runtime.output import write_bytes
+from stiffscope.runtime.output import write_new
 from stiffscope.runtime.workshop import workshop
 
 if TYPE_CHECKING:
@@ -53,6 +55,7 @@ class Newest:
     def __init__(self, work: Callable[[Any], None]) -> None:
         self._changed = threading.Condition()
         self._order = None
+        self._ended = False
         self._work = work
         threading.Thread(target=self._run, daemon=True).start()
 
@@ -62,10 +65,18 @@ class Newest:
             self._order = order
             self._changed.notify()
 
+    def end(self) -> None:
+        """End the thread after the order that it processes."""
+        with self._changed:
+            self._ended = True
+            self._changed.notify()
+
     def _run(self) -> None:
         while True:
             with self._changed:
-                self._changed.wait_for(lambda: self._order is not None)
+                self._changed.wait_for(lambda: self._ended or self._order is not None)
+                if self._ended:
+                    return
                 order = self._order
                 self._order = None
             self._work(order)
@@ -91,7 +102,9 @@ class LiveRobot:
     tell: Callable[[Mapping[str, Any]], None] = print
     made: tuple[Assembled, Mapping[str, float]] | None = None
     asked: Setting | None = None
-    _meshed: dict[str, PartResult] = field(default_factory=dict)
+    _meshed: dict[str, PartResult] = field(default_factory=dict, init=False)
+    _workers: list[Newest] = field(default_factory=list, init=False)
+    _ended: bool = field(default=False, init=False)
 
     def start(self) -> None:
         """Start the worker threads."""
@@ -99,6 +112,13 @@ class LiveRobot:
         self._draw, self._compare = Newest(self.draw), Newest(self.compare)
         if self.campaign:
             threading.Thread(target=self._watch, daemon=True).start()
+        self._workers = [self._build, self._follow, self._draw, self._compare]
+
+    def end(self) -> None:
+        """End the worker threads, as the page is closed."""
+        self._ended = True
+        for worker in self._workers:
+            worker.end()
 
     def ask(self, setting: Setting) -> None:
         """Evaluate slider values; results are sent with `tell`."""
@@ -195,18 +215,19 @@ class LiveRobot:
         """Repeat the comparison whenever a file of the campaign is saved."""
         folder = self.campaign or Path()
         for _ in changes([path for path in folder.iterdir() if path.is_file()]):
+            if self._ended:
+                return
             if self.asked is not None:
                 self._compare.put(self.asked)
 
     def keep(self, name: str) -> str:
         """Write the robot with the sliders' values as a robot file; return a message."""
         target = Path(name)
-        if target.suffix != ".toml" or target.exists():
-            raise InputError(
-                f"{name}: expected the name of a new file that ends in .toml"
-            )
+        expected = f"{name}: expected the name of a new file that ends in .toml"
+        if target.suffix != ".toml" or os.path.lexists(target):
+            raise InputError(expected)
         robot = self.changed(self.asked.values if self.asked else {})
-        write_bytes(target, tomlkit.dumps(robot_document(robot, target)).encode())
+        write_new(target, tomlkit.dumps(robot_document(robot, target)).encode())
         return f"kept as {target.resolve()}"
 
 
@@ -216,9 +237,10 @@ class _Guarded:
     def check(self: Any) -> None:
         given = self.get_query_argument("token", "")
         host = self.request.host.rpartition(":")[0]
-        if host != HOST or not secrets.compare_digest(
-            given, self.application.settings["token"]
-        ):
+        token = self.application.settings["token"]
+        # as bytes: texts beyond ASCII are not compared
+        known = secrets.compare_digest(given.encode(), token.encode())
+        if host != HOST or not known:
             raise HTTPError(403)
 
 
@@ -237,20 +259,39 @@ class _Socket(_Guarded, WebSocketHandler):
     def prepare(self) -> None:
         self.check()
 
+    robot: LiveRobot | None = None
+
     def open(self, *_args: str, **_more: str) -> None:
-        self.application.settings["sockets"].add(self)
+        shown: LiveRobot = self.application.settings["robot"]
+        loop = asyncio.get_running_loop()
+
+        def tell(message: Mapping[str, Any]) -> None:
+            with contextlib.suppress(RuntimeError):  # the server has ended
+                loop.call_soon_threadsafe(self._send, to_json(message))
+
+        self.robot = replace(shown, tell=tell)
+        self.robot.start()
+
+    def _send(self, text: str) -> None:
+        with contextlib.suppress(WebSocketClosedError):
+            self.write_message(text)
 
     def on_close(self) -> None:
-        self.application.settings["sockets"].discard(self)
+        if self.robot is not None:
+            self.robot.end()
 
     def on_message(self, message: str | bytes) -> None:
-        robot: LiveRobot = self.application.settings["robot"]
+        robot = self.robot
+        if robot is None:
+            return
         try:
             asked = json.loads(message)
             if "keep" in asked:
                 robot.tell({"kept": robot.keep(str(asked["keep"]))})
             else:
                 robot.ask(live.read_setting(robot.robot, asked))
+        except RecursionError:
+            robot.tell({"problem": "expected a setting of the page, got nested lists"})
         except (InputError, OSError, ValueError, TypeError) as error:
             robot.tell({"problem": str(error)})
 
@@ -269,7 +310,7 @@ def open_server(robot: LiveRobot, port: int = 0) -> Server:
     Parameters
     ----------
     robot
-        Robot shown by the page.
+        Robot shown by the page; each page that is opened has a copy of it.
     port
         Port; 0 for any free port.
 
@@ -278,19 +319,7 @@ def open_server(robot: LiveRobot, port: int = 0) -> Server:
     InputError
         The port is taken.
     """
-    loop, token = asyncio.get_running_loop(), secrets.token_urlsafe(16)
-    sockets: set[_Socket] = set()
-
-    def send(text: str) -> None:
-        for socket in list(sockets):
-            with contextlib.suppress(WebSocketClosedError):
-                socket.write_message(text)
-
-    def tell(message: Mapping[str, Any]) -> None:
-        with contextlib.suppress(RuntimeError):  # the server has ended
-            loop.call_soon_threadsafe(send, to_json(message))
-
-    robot.tell = tell
+    token = secrets.token_urlsafe(16)
     page = live.render_page(robot.robot, live.find_sliders(robot.robot), robot.campaign)
     try:
         bound = bind_sockets(port, HOST)
@@ -302,11 +331,9 @@ def open_server(robot: LiveRobot, port: int = 0) -> Server:
         "token": token,
         "page": page,
         "robot": robot,
-        "sockets": sockets,
     }
     http = HTTPServer(Application([("/", _Page), ("/socket", _Socket)], **settings))
     http.add_sockets(bound)
-    robot.start()
     return Server(f"http://{HOST}:{bound[0].getsockname()[1]}/?token={token}", http)
 
 

@@ -8,7 +8,6 @@ from __future__ import annotations
 import csv
 import dataclasses
 import io
-from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -26,15 +25,12 @@ from stiffscope.vjm.model.screws import shift
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from stiffscope.cad.slider import SliderParameters
     from stiffscope.experiments.experiments import PartResult
     from stiffscope.experiments.orders import PartOrder
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.runtime.workshop import Workshop
 
 AT_ONCE = 2  # parallel experiments; each may need gigabytes
-PAD_HEIGHT = 1 / 4  # of the thickness, for joint pads if the part has none
-HOLE_PITCH = 4.0  # spacing of bolt holes in thicknesses, if the part has none
 OWN = "as in the robot file"
 UNKNOWN = {
     "three pads": "the solid of a STEP file is as it is",
@@ -151,50 +147,28 @@ def choices(robot: RobotFile, part: str) -> list[Choice]:
         )
         return Choice(name, words, tuple(changed), part)
 
-    plate = section.shape == "plate"
-    whole, face = ({"pad_height": 0.0}, {"clamp": "face"}) if plate else ({}, {})
-    found = [
+    shape = section.parameters() if isinstance(section, ParametricPart) else None
+    whole = shape.whole_load if shape else {}
+    face = shape.whole_clamp if shape else {}
+    even = "the loaded face carries the load evenly"
+    loads = [
         choice(
             "rigid face",
             "the loaded face moves as one body",
             interface="rigid",
             **whole,
         ),
-        choice(
-            "even traction",
-            "the loaded face carries the load evenly",
-            interface="distributed",
-            **whole,
-        ),
-        choice(
-            "rigid clamp", "the clamped face does not move", foundation=None, **face
-        ),
+        choice("even traction", even, interface="distributed", **whole),
     ]
+    still = "the clamped face does not move"
+    clamps = [choice("rigid clamp", still, foundation=None, **face)]
+    if shape is not None:
+        loads += [choice(name, words, **keys) for name, words, keys in shape.loads]
+        clamps += [choice(name, words, **keys) for name, words, keys in shape.clamps]
     if bed is not None:
         words = f"springs of {bed / 1e9:.12g} N/mm³ under the clamped face"
-        found.append(choice("foundation", words, foundation=bed, **face))
-    if plate:
-        shape: Any = section
-        slider: Any = shape.parameters()
-        height = slider.pad_height or PAD_HEIGHT * slider.thickness
-        # pads that are there are loaded as they are
-        rigid = {} if slider.pad_height else {"interface": "rigid"}
-        sizes = (
-            (height, "high"),
-            (slider.pad_width, "wide"),
-            (slider.pad_spacing, "apart"),
-        )
-        pads = ", ".join(f"{1e3 * size:g} mm {word}" for size, word in sizes)
-        count = slider.hole_count or _hole_count(slider)
-        size = f"{1e3 * slider.hole_diameter:g} mm"
-        words = f"loaded on three joint pads, {pads}"
-        found.insert(2, choice("three pads", words, pad_height=height, **rigid))
-        words = f"held in {count} bolt holes of {size} instead of by the face"
-        holes = choice(
-            "bolt holes", words, hole_count=count, clamp="holes", foundation=None
-        )
-        found.insert(4, holes)
-    return found
+        clamps.append(choice("foundation", words, foundation=bed, **face))
+    return loads + clamps
 
 
 def _bed(robot: RobotFile, part: str) -> float | None:
@@ -204,7 +178,8 @@ def _bed(robot: RobotFile, part: str) -> float | None:
     given = getattr(section, "foundation", None)
     if given or material is None or not isinstance(section, ParametricPart):
         return given
-    return float(f"{material.youngs_modulus / section.measure_across('z'):.3g}")
+    thickness = section.parameters().across[1]
+    return float(f"{material.youngs_modulus / thickness:.3g}")
 
 
 def _with(robot: RobotFile, part: str, values: Mapping[str, Any]) -> RobotFile:
@@ -218,17 +193,6 @@ def _format_value(key: str, value: Any) -> str:
     if key == "foundation":
         return "rigid" if value is None else f"{value / 1e9:.12g} N/mm^3"
     return f"{1e3 * value:.12g} mm" if key == "pad_height" else str(value)
-
-
-def _hole_count(slider: SliderParameters) -> int:
-    """Return the hole count for a pitch of four thicknesses, or the nearest clear of the ribs."""
-    wanted = max(2, round(slider.width / (HOLE_PITCH * slider.thickness)))
-    for count in sorted(
-        range(2, 2 * wanted + 3), key=lambda count: abs(count - wanted)
-    ):
-        with suppress(InputError):
-            return dataclasses.replace(slider, hole_count=count).hole_count
-    return wanted
 
 
 def _orders(

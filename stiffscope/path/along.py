@@ -189,8 +189,8 @@ def predict(
             np.broadcast_to(bars, (len(found), 6))[:, :3], axis=1
         )
         for k, joint in enumerate(drives):
-            component = 3 if joint.kind == "revolute" else 0
-            forces[some, k] = state.elements[joint.name].wrench[:, component, 0]
+            wrench = state.elements[joint.name].wrench
+            forces[some, k] = wrench[:, joint.type.driven, 0]
         energies = {name: each[:, 0] for name, each in state.energies.items()}
         total = np.maximum(sum(energies.values(), np.zeros(1)), 1e-300)
         for name, each in energies.items():
@@ -219,7 +219,7 @@ def predict(
         error,
         bound,
         tuple(j.name for j in drives),
-        tuple("N·m" if j.kind == "revolute" else "N" for j in drives),
+        tuple("N·m" if j.turns else "N" for j in drives),
         forces,
         shares,
         stations,

@@ -18,6 +18,7 @@ from stiffscope.path.stress import find_stresses
 from stiffscope.report.kept_pictures import draw_deflection
 from stiffscope.report.progress import progress
 from stiffscope.report.robot_view import read_cases
+from stiffscope.runtime.formats import write_table
 from stiffscope.statics.command.poses import assemble
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ def path(name: Path, *, undo: bool, robot: str | None, output: Output) -> None:
     cases = read_cases(response, {"the loads there": state.wrench[state.worst]})
 
     def fill(folder: Path) -> None:
-        paths.write_csv(state, folder / "path.csv")
+        write_table(paths.path_columns(state), folder / "path")
         if after is not None:
             suffix = job.path_file.suffix if after.path.program else ".csv"
             after.path.write(folder / f"compensated{suffix}")

@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, create_model
 from scipy.spatial.transform import Rotation
 
 from stiffscope.cad.materials import MATERIALS
 from stiffscope.path.cutting import cutting_materials, drill, mill
-from stiffscope.path.toolpath import MOST_LOAD, ToolPath, read_toolpath
-from stiffscope.robot.file import quantities as q
+from stiffscope.path.toolpath import ToolPath, read_toolpath
+from stiffscope.path.values import (
+    Cut,
+    EnteringAngle,
+    Feed,
+    Force,
+    PointAngle,
+    Ratio,
+    Share,
+    Strength,
+    Stress,
+    Turns,
+)
+from stiffscope.registry import sections_of
 from stiffscope.robot.file import values as v
 from stiffscope.robot.file.description import RobotFile
 from stiffscope.robot.file.parse import FieldError, Source, blame, parse_text
@@ -24,7 +35,6 @@ from stiffscope.robot.file.values import (
     Length,
     Point,
     Positive,
-    Reads,
     Says,
     Section,
 )
@@ -35,63 +45,8 @@ if TYPE_CHECKING:
     from stiffscope.path.cutting import CuttingForces
     from stiffscope.runtime.types import Array
 
-_FORCE = q.Dimension("a force of a process", "N", "100 N", most=MOST_LOAD)
-_MOST_EXPONENT = 1.0  # above it, thicker chips would need less force
-_SPEED = q.Dimension("a speed", "m/s", "600 mm/min", 1e-9, 1e3)
-_TURNS = q.Dimension("a rotational speed", "Hz", "9000 rpm", 1e-6, 1e5)
-_STRENGTH = q.Dimension("a yield strength", "Pa", "355 MPa", 1e3, 1e12)
-_STRESS = q.Dimension("a specific cutting force", "Pa", "2220 N/mm^2", 1e6, 1e12)
-_RATIO = q.Dimension("a ratio of forces", "", "0.3", most=10.0)
-_ENTERING = q.Dimension("an entering angle", "rad", "90 deg", most=np.pi / 2 + 1e-9)
-_POINT = q.Dimension("a point angle", "rad", "118 deg", most=np.pi)
-_FASTEST = 200.0  # m/s, of a cutting edge: twice what any cutter does
-
-# 1 rev/s in each unit of rotational speed
-_A_SECOND = {
-    "rpm": 60.0,
-    "1/min": 60.0,
-    "rev/min": 60.0,
-    "Hz": 1.0,
-    "1/s": 1.0,
-    "rev/s": 1.0,
-}
-
-
-def _speed(value: Any) -> float:
-    """Return a rotational speed in rev/s from a number in rev/s or a text with a unit."""
-    if not isinstance(value, str):
-        return q.to_si(value, _TURNS)
-    number, _, unit = value.strip().partition(" ")
-    a_second = _A_SECOND.get(unit.strip())
-    turns = None
-    with suppress(ValueError):
-        turns = float(number)
-    if a_second is None or turns is None:
-        units = ", ".join(_A_SECOND)
-        raise ValueError(
-            f'expected a rotational speed such as "9000 rpm" ({units}), got "{value}"'
-        )
-    return q.to_si(turns / a_second, _TURNS)
-
-
-def _reads(dimension: q.Dimension, says: str, sign: str = "positive") -> Reads:
-    return Reads(lambda value: q.to_si(value, dimension, sign=sign), says=says)
-
-
-Force = Annotated[float, _reads(_FORCE, 'a force such as "100 N"', "any")]
-Feed = Annotated[float, _reads(_SPEED, 'a speed such as "600 mm/min"')]
-Turns = Annotated[float, Reads(_speed, says='a rotational speed such as "9000 rpm"')]
-Stress = Annotated[float, _reads(_STRESS, 'such as "2220 N/mm^2"')]
-Cut = Annotated[
-    str,
-    Reads(
-        lambda name: one_of(name, cutting_materials(), "a material"),
-        says='a name such as "C45E"',
-    ),
-]
-Strength = Annotated[float, _reads(_STRENGTH, 'a strength such as "355 MPa"')]
-Share = Annotated[float, _reads(q.NUMBER, "a number", "non-negative")]
-Ratio = Annotated[float, _reads(_RATIO, "a ratio of forces", "non-negative")]
+MOST_EXPONENT = 1.0  # above it, thicker chips would need less force
+FASTEST = 200.0  # m/s, of a cutting edge: twice what any cutter does
 
 
 class ForceSection(Section):
@@ -121,14 +76,14 @@ class _Cut(Section):
                 f"cut.{own[0]}: expected a material, or kc1 and mc, got {got}"
             )
         edge = np.pi * self.diameter * self.speed
-        if edge > _FASTEST:
+        if edge > FASTEST:
             raise ValueError(
-                f"expected pi * diameter * speed of at most {_FASTEST:g} m/s, got {edge:.4g} m/s"
+                f"expected pi * diameter * speed of at most {FASTEST:g} m/s, got {edge:.4g} m/s"
             )
         if self.kc1 is not None and self.mc is not None:
-            if self.mc >= _MOST_EXPONENT:
+            if self.mc >= MOST_EXPONENT:
                 raise ValueError(
-                    f"cut.mc: expected less than {_MOST_EXPONENT:g}, got {self.mc:g}"
+                    f"cut.mc: expected less than {MOST_EXPONENT:g}, got {self.mc:g}"
                 )
             return self.kc1, self.mc
         if self.material is None:
@@ -140,28 +95,51 @@ class _Cut(Section):
 class MillingSection(_Cut):
     """A milling cutter that turns clockwise: engagement, radial and axial over tangential force."""
 
+    kt: Annotated[
+        Stress | None,
+        Says('a specific tangential force such as "700 N/mm^2", instead of a material'),
+    ] = None
+    kr: Annotated[Ratio | None, Says("the same as `radial`")] = None
     teeth: v.Some
     depth: Length
     width: Length
     climb: v.Flag = True
-    lead: Annotated[float, _reads(_ENTERING, 'an angle such as "90 deg"')] = 0.5 * np.pi
+    lead: EnteringAngle = 0.5 * np.pi
     radial: Ratio = 0.3
     axial: Ratio = 0.0
+
+    def law(self) -> tuple[float, float]:
+        """Return specific cutting force, Pa, and exponent; ``kt`` does not depend on the chip."""
+        if self.kt is None:
+            return super().law()
+        own = [name for name in ("material", "kc1", "mc") if getattr(self, name)]
+        if own:
+            raise ValueError(f"cut.kt: expected kt or {own[0]}, got both")
+        return self.kt, 0.0
+
+    @property
+    def radial_ratio(self) -> float:
+        """Radial over tangential force. Raise ValueError if it is given twice."""
+        if self.kr is None:
+            return self.radial
+        if "radial" in self.model_fields_set:
+            raise ValueError("cut.kr: expected kr or radial, got both")
+        return self.kr
 
     def forces(self, feed: float) -> CuttingForces:
         """Return the mean forces at a feed in m/s."""
         if self.width > self.diameter:
             raise ValueError("cut.width: expected at most the diameter")
-        own = self.model_dump(exclude={"material", "kc1", "mc", "feed"})
-        return mill(*self.law(), feed=feed, **own)
+        own = self.model_dump(
+            exclude={"material", "kc1", "mc", "kt", "kr", "radial", "feed"}
+        )
+        return mill(*self.law(), feed=feed, radial=self.radial_ratio, **own)
 
 
 class DrillingSection(_Cut):
     """A twist drill."""
 
-    point: Annotated[float, _reads(_POINT, 'an angle such as "118 deg"')] = float(
-        np.deg2rad(118.0)
-    )
+    point: PointAngle = float(np.deg2rad(118.0))
 
     def forces(self, feed: float) -> CuttingForces:
         """Return thrust and torque at a feed in m/s."""
@@ -323,8 +301,15 @@ class JobSection(Section):
     free: FreeSection | None = None
 
 
+# The top level with the sections that slices add, e.g. [lobes]
+WholeJob = create_model(
+    "WholeJob",
+    __base__=JobSection,
+    __module__=__name__,
+    **{name: (schema | None, None) for name, schema in sections_of("job").items()},
+)
 SECTIONS = (
-    ("the top level of a job", JobSection),
+    ("the top level of a job", WholeJob),
     ("[process]", ProcessSection),
     ("[process.force]", ForceSection),
     ("[process.milling]", MillingSection),
@@ -365,7 +350,8 @@ def load_job(path: str | Path, instead: str | Path | RobotFile | None = None) ->
     path = Path(path)
     source = Source(path, reading.read_text(path, "a job's file in TOML"))
     with source.refusing():
-        top = read_table(JobSection, parse_text(path, source.text, "a job's file"), ())
+        written = parse_text(path, source.text, "a job's file")
+        top = read_table(WholeJob, written, ())
         for name in ("milling", "drilling"):
             cut = getattr(top.process, name)
             with blame("process", name, inner=True):

@@ -5,12 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pyarrow as pa
-import pyarrow.csv
 
 from stiffscope.experiments.experiments import EXPERIMENT
 from stiffscope.fea.export import write_fields
-from stiffscope.path.course import BLOCK, pick_evenly
+from stiffscope.path.course import pick_evenly
 from stiffscope.report import page
 from stiffscope.report.figures import AFTER, BEFORE, new_figure, save_figures
 from stiffscope.report.pictures import draw, optional_pictures
@@ -108,19 +106,6 @@ def _gain(freed: Freed, state: Along) -> dict[str, dict[str, float]]:
 
 def _rms(values: np.ndarray) -> float:
     return float(np.sqrt((values**2).mean()))
-
-
-def write_csv(state: Along, file: Path) -> None:
-    """Write one row per point, in blocks."""
-    columns = path_columns(state)
-    schema = pa.schema([(name, pa.float64()) for name in columns])
-    with pyarrow.csv.CSVWriter(file, schema) as writer:
-        for start in range(0, len(state.path), BLOCK):
-            some = slice(start, start + BLOCK)
-            rows = {
-                name: np.ascontiguousarray(each[some]) for name, each in columns.items()
-            }
-            writer.write(pa.table(rows, schema))
 
 
 def show_path(

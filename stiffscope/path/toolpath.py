@@ -17,6 +17,7 @@ from stiffscope.path.gcode import (
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.parse import FieldError, blame
 from stiffscope.robot.file.tables import one_of
+from stiffscope.runtime.formats import TABLE_FORMATS
 from stiffscope.runtime.table import (
     Table,
     check_columns,
@@ -24,6 +25,7 @@ from stiffscope.runtime.table import (
     numbers,
     read_table,
 )
+from stiffscope.vjm.model.mechanism import COORDINATES
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -37,7 +39,6 @@ JOINT = "q:"
 PROGRAMS = {".nc", ".ngc", ".gcode", ".tap", ".cnc", ".iso", ".mpf"}
 MOST_LOAD = 1e6  # N, N·m
 _MOST_ROW = 1000  # bytes
-_AXES = ("x", "y", "z", "rx", "ry", "rz")
 _FEED = q.Dimension("a speed", "m/s", "mm/min", most=1e3)
 _TIME = q.Dimension("a time", "s", "s", most=1e9)
 
@@ -101,18 +102,15 @@ class ToolPath:
             points = self.program.points.copy()
             world = origin + points @ axes.T
             for k, name in enumerate(self.columns):
-                if name in _AXES[:3]:
-                    world[:, _AXES.index(name)] = self.values[:, k]
+                if name in COORDINATES[:3]:
+                    world[:, COORDINATES.index(name)] = self.values[:, k]
             path.write_text(
                 program_text(self.program, (world - origin) @ axes), encoding="utf-8"
             )
             return
-        import pyarrow as pa
-        import pyarrow.csv
-
         pairs = zip(self.columns, self.values.T, strict=True)
         columns = {name: values / self.factors[name] for name, values in pairs}
-        pyarrow.csv.write_csv(pa.table(columns | dict(self.free)), path)
+        TABLE_FORMATS[".csv"].write(columns | dict(self.free), path, None)
 
 
 def read_toolpath(
@@ -245,12 +243,12 @@ def _of_program(
 ) -> ToolPath:
     program = read_program(path, step)
     pose = tuple(robot.tool.pose)
-    home = dict(zip(_AXES, (*robot.tool.at, 0.0, 0.0, 0.0), strict=True))
+    home = dict(zip(COORDINATES, (*robot.tool.at, 0.0, 0.0, 0.0), strict=True))
     world = at + program.points @ axes.T
     places = np.tile(list(home.values()), (len(world), 1))
     places[:, :3] = world
-    values = places[:, [_AXES.index(name) for name in pose]]
-    for k, name in enumerate(_AXES[:3]):
+    values = places[:, [COORDINATES.index(name) for name in pose]]
+    for k, name in enumerate(COORDINATES[:3]):
         moved = np.abs(world[:, k] - home[name]) > 1e-9
         if name not in pose and moved.any():
             row = int(np.argmax(moved))

@@ -1,8 +1,10 @@
-"""Progress bars on standard error; none without a terminal or with `--quiet`."""
+"""Progress on standard error: bars on a terminal, lines now and then elsewhere, none with `--quiet`."""
 
 from __future__ import annotations
 
 import contextlib
+import sys
+import time
 from collections.abc import Callable, Iterator
 
 from rich.console import Console
@@ -18,19 +20,22 @@ from stiffscope.runtime.progress import silence
 
 Report = Callable[[str, float], None]
 Reporter = Callable[[str], Report]
+PATIENCE = 10.0  # s until the first line without a terminal
+PERIOD = 30.0  # s between further lines
 
 
 @contextlib.contextmanager
 def progress(*, quiet: bool) -> Iterator[Reporter]:
     """Yield a function that opens a line: `reporter("slider")` gives `report(stage, fraction)`."""
     console = Console(stderr=True)
-    if quiet or not console.is_terminal:
+    if quiet:
         yield lambda _name: silence
         return
-    name, stage = (
-        TextColumn("{task.description:<9}"),
-        TextColumn("{task.fields[stage]:<26}"),
-    )
+    if not console.is_terminal:
+        yield _write_lines()
+        return
+    name = TextColumn("{task.description:<9}")
+    stage = TextColumn("{task.fields[stage]:<26}")
     times = (TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
     columns = (name, BarColumn(bar_width=28), stage, *times)
     with Progress(*columns, console=console, transient=True) as bars:
@@ -44,3 +49,27 @@ def progress(*, quiet: bool) -> Iterator[Reporter]:
             return report
 
         yield open_line
+
+
+def _write_lines() -> Reporter:
+    """Return a reporter that writes a line now and then, for logs of batch systems."""
+    begun = time.monotonic()
+    due = begun + PATIENCE
+
+    def open_line(name: str) -> Report:
+        def report(stage: str, fraction: float) -> None:
+            nonlocal due
+            now = time.monotonic()
+            if now < due:
+                return
+            due = now + PERIOD
+            share = f"{100.0 * min(max(fraction, 0.0), 1.0):.0f} %"
+            with contextlib.suppress(OSError, ValueError):  # nobody reads, or closed
+                sys.stderr.write(
+                    f"{name}: {stage}, {share} after {now - begun:.0f} s\n"
+                )
+                sys.stderr.flush()
+
+        return report
+
+    return open_line

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.cad.beam import BeamParameters
 from stiffscope.cad.part import tessellate
 from stiffscope.experiments.experiments import EXPERIMENT
 from stiffscope.robot.file.part_sections import ParametricPart
@@ -177,15 +176,7 @@ def _shape(robot: RobotFile, name: str) -> dict[str, Any]:
     part = robot.parts[name]
     if not isinstance(part, ParametricPart):
         return {}
-    size = part.lengths()
-    solid = part.parameters()
-    if isinstance(solid, BeamParameters) and part.shape != "tube":
-        return {"outline": solid.outline()}
-    return {
-        key: size[key]
-        for key in ("radius", "width", "thickness", "depth")
-        if key in size
-    }
+    return part.parameters().sketch()
 
 
 def _joint(joint: Joint) -> dict[str, Any]:

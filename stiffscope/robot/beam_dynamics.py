@@ -14,7 +14,7 @@ from stiffscope.vjm.model.screws import shift
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from stiffscope.fea.beam import Section
+    from stiffscope.cad.cross_sections import Section
 
 MODES = 6
 _PIECES = (

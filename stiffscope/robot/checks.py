@@ -14,11 +14,10 @@ from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.copies import tensor
 from stiffscope.robot.file.description import ENDS, GROUND
 from stiffscope.robot.file.parse import FieldError, blame, split_place
-from stiffscope.robot.file.part_sections import ParametricPart, solid_length
+from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.file.sections import Bearing, ElasticBody, RigidBody
 from stiffscope.robot.file.tables import one_of
 from stiffscope.robot.mechanism_of import rigid_mechanism, written_axes
-from stiffscope.vjm.model.joints import DRIVEN
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -73,14 +72,10 @@ def check_robot(robot: RobotFile) -> RobotFile:
 
 
 def _check_part(robot: RobotFile, name: str) -> None:
-    part = robot.parts[name]
     key = ("parts", name)
     _check_file_name(key, name)
     with blame(*key, "material", inner=True):  # "material: expected one of …"
         robot.material(name)
-    if isinstance(part, ParametricPart):
-        with blame(*key, inner=True):  # "link.bore: expected …"
-            part.parameters()
 
 
 def _check_file_name(key: Key, name: str) -> None:
@@ -102,12 +97,12 @@ def _check_elastic(robot: RobotFile, name: str, body: ElasticBody) -> None:
         raise FieldError(
             (*key, "tip"), f"expected a point away from the base, got {got}"
         )
-    length = solid_length(part)
+    length = part.span
     if length is not None and abs(length - size) > SAME_LENGTH * length:
         what = f"a tip {mm(length)} from the base, as part {body.part} is long, to {SAME_LENGTH:.2%}"
         raise FieldError((*key, "tip"), f"expected {what}, got {mm(size)}")
     if body.y is None:
-        if part.shape not in {"rod", "tube"}:
+        if not (isinstance(part, ParametricPart) and part.made.is_round):
             what = f"a direction across a {part.shape} part, such as [0, 1, 0]"
             raise FieldError((*key, "y"), f"expected {what}, got nothing")
     elif np.linalg.norm(np.cross(along / size, body.y)) < _PARALLEL * np.linalg.norm(
@@ -194,7 +189,7 @@ def _check_bearing(robot: RobotFile, name: str) -> None:
             joint.yielding(written_axes(robot, name))
     if getattr(joint, "drive", None) is None or joint.compliance is None:
         return
-    along = DRIVEN[joint.type]
+    along = joint.made.driven
     given = joint.compliance
     free = (
         (given.axial if along == 0 else 0.0)

@@ -12,7 +12,7 @@ from stiffscope.cad.checks import mm
 from stiffscope.errors import InputError
 from stiffscope.registry import registered
 from stiffscope.robot.checks import HOME
-from stiffscope.robot.file.part_sections import InterfacePart, MatrixPart, solid_length
+from stiffscope.robot.file.part_sections import InterfacePart, MatrixPart
 from stiffscope.robot.file.sections import RigidBody
 from stiffscope.robot.mechanism_of import configured_poses, rigid_mechanism
 from stiffscope.robot.part_matrices import known_mass, source_of, used_parts
@@ -53,7 +53,6 @@ _SOLIDS = {
     "density": ("density", 20.0, 2.3e4, " kg/m³"),
     "expansion": ("expansion", -1e-3, 1e-3, " 1/K"),
 }  # foam and rubber to diamond and osmium
-_ROTARY = {"revolute", "universal", "spherical", "cylindrical"}
 
 
 @dataclass(frozen=True)
@@ -190,7 +189,7 @@ def _part(robot: RobotFile, name: str) -> Part:
     part = robot.parts[name]
     bodies = robot.bodies_of(name)
     one = robot.bodies[bodies[0]]
-    length = solid_length(part) or getattr(one, "length", None)
+    length = part.span or getattr(one, "length", None)
     return Part(
         name, part.shape, source_of(part), length, known_mass(robot, name), bodies
     )
@@ -348,9 +347,7 @@ def _of_ranges(robot: RobotFile, mechanism: Mechanism) -> Iterator[str]:
     size = Linkage(mechanism, "tool").length
     for joint in mechanism.drives:
         low, high = (joint.drive.low, joint.drive.high) if joint.drive else (0.0, 0.0)
-        most, unit = (
-            (_TURNS, "rad") if joint.kind == "revolute" else (_SIZES * size, "m")
-        )
+        most, unit = (_TURNS, "rad") if joint.turns else (_SIZES * size, "m")
         if most < max(-low, high) < np.inf and joint.name not in robot.copied:
             yield f"drive {joint.name}: its range is {low:g} to {high:g} {unit}; is its unit right?"
 
@@ -376,11 +373,12 @@ def _of_places(robot: RobotFile, mechanism: Mechanism) -> Iterator[str]:
             if held[node] == 1
         }
     for joint in mechanism.joints:
-        if joint.name in robot.copied or joint.kind not in _ROTARY:
-            continue
+        free = joint.type.free
+        if joint.name in robot.copied or 3 not in free or 1 in free:
+            continue  # a joint in a plane has no place across it
         for node in (joint.first, joint.second):
             away = ends.get(node, joint.at) - joint.at
-            if joint.kind in {"revolute", "cylindrical"} and joint.axis is not None:
+            if joint.type.driven is not None and joint.axis is not None:
                 axis = joint.axis / np.linalg.norm(joint.axis)
                 away = away - (away @ axis) * axis
             distance = float(np.linalg.norm(away))
@@ -432,7 +430,7 @@ def inspection_json(found: Inspection) -> dict[str, Any]:
             {
                 "name": j.name,
                 "stiffness": j.drive.stiffness,
-                "unit": "rad" if j.kind == "revolute" else "m",
+                "unit": "rad" if j.turns else "m",
                 "range": [j.drive.low, j.drive.high],
             }
             for j in mechanism.drives

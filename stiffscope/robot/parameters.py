@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from stiffscope.cad.materials import AnyMaterial
     from stiffscope.robot.file.description import RobotFile
+    from stiffscope.robot.file.part_sections import PartSection
     from stiffscope.robot.file.positions import Key
     from stiffscope.robot.file.sections import JointSection
     from stiffscope.robot.part_matrices import Components
@@ -95,10 +96,7 @@ def _of_parts(
         material = robot.material(name)
         if not isinstance(part.mass, str):
             yield ("parts", name, "mass"), part.mass, "kg"
-        computed = (
-            source in {"fea", "step", "beam"} if isinstance(source, str) else False
-        )
-        if not computed and not (part.shape == "rod" and isinstance(source, str)):
+        if not isinstance(source, str) or source not in _computed(part):
             continue
         if isinstance(part, ParametricPart):
             for key, value in part.parameters().lengths().items():
@@ -112,14 +110,20 @@ def _of_parts(
         yield from _constants(material)
 
 
+def _computed(part: PartSection) -> set[str]:
+    """Return the sources whose matrix follows the part's dimensions."""
+    by_formula = isinstance(part, ParametricPart) and part.made.published == "formula"
+    return {"fea", "step", "beam", *(["published"] if by_formula else [])}
+
+
 def _of_joint(name: str, joint: JointSection) -> Iterator[tuple[Key, Any, str]]:
     drive = getattr(joint, "drive", None)
     bearing = joint.compliance
     if drive is not None and drive.stiffness:
-        unit = "N*m/rad" if joint.type == "revolute" else "N/m"
+        unit = "N*m/rad" if joint.made.turns else "N/m"
         yield as_written(("joints", name, "drive", "stiffness")), drive.stiffness, unit
     if getattr(joint, "spring", None) is not None:
-        unit = "N/m" if joint.type == "prismatic" else "N*m/rad"
+        unit = "N*m/rad" if joint.made.turns else "N/m"
         yield (
             as_written(("joints", name, "spring")),
             getattr(joint, "spring", None),

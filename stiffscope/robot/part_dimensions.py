@@ -21,11 +21,6 @@ if TYPE_CHECKING:
 FOUNDATION = "foundation"
 _FAR = 4.0  # validity of a polynomial through three values, times the distance of the outermost
 _NEAR = 1.5  # the same with more values: higher orders diverge sooner
-_ALONG = {
-    "length",
-    "depth",
-    "pad_height",
-}  # along base to tip; coupled to the bodies' coordinates
 
 
 @dataclass(frozen=True)
@@ -51,15 +46,15 @@ class PartDimension:
 
 
 def part_parameters(robot: RobotFile, name: str) -> dict[str, tuple[float, str]]:
-    """Return nominal value and SI unit of each parameter of a rod or plate; empty for other parts.
+    """Return nominal value and SI unit of each parameter of a parametric part; else nothing.
 
     Its length, zero dimensions and dimensions of absent features are omitted.
     """
     part = robot.parts[name]
     if not isinstance(part, ParametricPart):
         return {}
-    lengths = part.parameters().lengths()
-    out = {key: (value, "m") for key, value in lengths.items() if key not in _ALONG}
+    lengths = part.parameters().lengths().items()
+    out = {key: (value, "m") for key, value in lengths if key not in part.made.along}
     material = robot.material(name)
     for field in fields(material) if material is not None else ():  # type: ignore[arg-type]
         if field.name.endswith("modulus"):
@@ -80,11 +75,9 @@ def find_vanishing(robot: RobotFile, name: str, parameter: str) -> float:
         Name of the parameter.
     """
     part = robot.parts[name]
-    size = part.lengths() if isinstance(part, ParametricPart) else {}
-    if parameter == "radius":
-        return size.get("bore", 0.0) / 2.0
-    outside = 2.0 * size.get("radius", 0.0)
-    return outside if parameter == "bore" and size["bore"] > outside / 4.0 else 0.0
+    if not isinstance(part, ParametricPart):
+        return 0.0
+    return part.parameters().vanishing(parameter)
 
 
 def with_parameter(
@@ -254,7 +247,7 @@ def is_beam(robot: RobotFile, name: str, compliance: Array) -> bool:
         Compliance (6, 6), SI.
     """
     part = robot.parts.get(name)
-    if not isinstance(part, ParametricPart) or robot.material(name) is None:
+    if part is None or "beam" not in part.sources or robot.material(name) is None:
         return False
     return bool(
         np.allclose(beam_compliance(robot, name), compliance, rtol=1e-9, atol=0.0)

@@ -11,15 +11,7 @@ import numpy as np
 
 from stiffscope.data import FOLDER
 from stiffscope.errors import InputError, check_kind
-from stiffscope.fea.beam import (
-    box,
-    channel,
-    circle,
-    euler_bernoulli,
-    i_section,
-    rectangle,
-    timoshenko,
-)
+from stiffscope.fea.beam import euler_bernoulli, timoshenko
 from stiffscope.robot.beam_dynamics import beam_dynamics
 from stiffscope.robot.file.description import RobotFile
 from stiffscope.robot.file.part_sections import (
@@ -35,24 +27,15 @@ from stiffscope.vjm.model.dynamics import Dynamics
 from stiffscope.vjm.model.screws import shift
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from numpy.typing import ArrayLike
 
-    from stiffscope.fea.beam import Section
+    from stiffscope.cad.cross_sections import Section
     from stiffscope.robot.file.part_sections import PartSection
 
     Theory = Callable[[float, Section, float, float], np.ndarray]
     Components = str | Mapping[str, str | ArrayLike] | None
-
-SECTIONS = {  # cross-section from a beam's dimensions
-    "tube": lambda radius, wall, poisson: circle(radius, radius - wall, poisson),
-    "box": box,
-    "i": i_section,
-    "channel": lambda width, height, flange, web, **_: channel(
-        width, height, flange, web
-    ),
-}
 
 
 @dataclass(frozen=True)
@@ -101,7 +84,9 @@ def source_of(part: PartSection, components: str | None = None) -> str:
     """
     if isinstance(part, StepPart):
         return "step"
-    return components or part.compliance if isinstance(part, SolidPart) else "matrix"
+    if not isinstance(part, SolidPart):
+        return "matrix"
+    return components if components in part.sources else part.compliance
 
 
 def used_parts(robot: RobotFile) -> tuple[str, ...]:
@@ -119,13 +104,6 @@ def rigid_part(robot: RobotFile, name: str) -> PartMatrix:
         places = np.array(list(part.interfaces.values()))
     none = np.zeros((6 * ends - 6, 6 * ends - 6))
     return PartMatrix(none, None, known_mass(robot, name) or 0.0, None, places)
-
-
-def _list_sources(part: PartSection, known: Sequence[str]) -> Sequence[str]:
-    """Return which of the known sources of a matrix a part has: beam theory needs a parametric one."""
-    if isinstance(part, ParametricPart):
-        return known
-    return known[:1] if isinstance(part, StepPart) else ()
 
 
 def part_sources(
@@ -158,15 +136,14 @@ def part_sources(
     for name in used:
         part = robot.parts[name]
         own = given.get(name)
-        able = _list_sources(part, known)
         if own is not None and not isinstance(own, str):
             sources[name] = check_compliance(
                 own, f"components: {name}", semidefinite=True
             )
-        elif not own or own in able:
+        elif not own or own in part.sources:
             sources[name] = source_of(part, own or word)
         else:
-            what = f"{' or '.join([*able, 'a matrix'])} for {name}, a {part.shape} part"
+            what = f"{' or '.join([*part.sources, 'a matrix'])} for {name}, a {part.shape} part"
             raise InputError(f"components: expected {what}, got {own!r}")
     return sources
 
@@ -243,9 +220,8 @@ def _matrix(
         error = None
         segments = beam_segments(robot, name)
         material: Any = robot.material(name)
-        places = np.array(
-            [[-sum(length for length, _ in segments), 0.0, 0.0], np.zeros(3)]
-        )
+        length = sum(length for length, _ in segments)
+        places = np.array([[-length, 0.0, 0.0], np.zeros(3)])
         own = (material.youngs_modulus, material.shear_modulus, material.density)
         dynamics = beam_dynamics(segments, *own) if mass else None
     else:
@@ -267,37 +243,26 @@ def known_mass(robot: RobotFile, name: str) -> float | None:
     if not isinstance(part.mass, str):
         return part.mass
     material = robot.material(name)
-    features = ("rib_count", "hole_count", "pad_height")
-    size = part.dimensions() if isinstance(part, ParametricPart) else None
-    if size is None or material is None or any(size.get(key) for key in features):
+    if not isinstance(part, ParametricPart) or material is None:
         return None
-    segments = beam_segments(robot, name)
-    return material.density * sum(length * section.area for length, section in segments)
+    volume = part.parameters().volume
+    return None if volume is None else material.density * volume
 
 
 def beam_segments(robot: RobotFile, name: str) -> list[tuple[float, Section]]:
     """Return the beam segments of a parametric part: lengths (m) and sections from the clamped end.
 
-    A rod with fittings is three round bars; ribs, holes and pads of a plate are ignored.
+    Features beyond beam theory are ignored. Raises InputError for a part without beam theory.
     """
     poisson = getattr(robot.material(name), "poisson", 0.3)
     part = robot.parts[name]
-    if not isinstance(part, ParametricPart):
-        what = f'expected a rod, plate or section for beam theory, got "{part.shape}"'
+    segments = None
+    if isinstance(part, ParametricPart):
+        segments = part.parameters().segments(poisson)
+    if segments is None:
+        what = f'expected a shape with beam theory, such as "rod", got "{part.shape}"'
         raise robot.refuse(("parts", name, "shape"), what)
-    size = part.lengths()
-    if part.shape == "plate":
-        return [(size["depth"], rectangle(size["width"], size["thickness"], poisson))]
-    if part.shape in SECTIONS:
-        return [(size.pop("length"), SECTIONS[part.shape](poisson=poisson, **size))]
-    shank = circle(size["radius"], size["bore"] / 2, poisson)
-    if not size["fitting_radius"]:
-        return [(size["length"], shank)]
-    end = (
-        size["fitting_length"],
-        circle(size["fitting_radius"], size["bore"] / 2, poisson),
-    )
-    return [end, (size["length"] - 2 * end[0], shank), end]
+    return segments
 
 
 def beam_compliance(
@@ -342,7 +307,7 @@ def beam_compliance(
 def published_compliance(robot: RobotFile, name: str) -> np.ndarray:
     """Return the Biglide's published 6x6: a rod's by docs/theory.md (7.1), a plate's as printed."""
     part = robot.parts[name]
-    if part.shape == "rod":
+    if isinstance(part, ParametricPart) and part.made.published == "formula":
         return beam_compliance(robot, name, euler_bernoulli)
     table = getattr(part, "published", None)
     if table is None:
@@ -363,7 +328,7 @@ def is_published_part(robot: RobotFile, name: str) -> bool:
         "youngs_modulus": material.youngs_modulus,
         "shear_modulus": material.shear_modulus,
     }
-    wanted = read_published(table)["part"]
+    wanted = read_published(table).get("part", {})
     return all(_is_same(own.get(key), value) for key, value in wanted.items())
 
 

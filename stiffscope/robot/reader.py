@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import copy
 from typing import TYPE_CHECKING, Any
 
 from stiffscope.errors import InputError
 from stiffscope.robot.checks import check_robot
 from stiffscope.robot.file.copies import make_copies
 from stiffscope.robot.file.evaluate import evaluate, evaluate_value
-from stiffscope.robot.file.override import apply_overrides, assign
+from stiffscope.robot.file.override import apply_overrides, assign, check_unit
 from stiffscope.robot.file.parse import FieldError, Source, parse_text
 from stiffscope.robot.file.validate import check_top, read_pose, validate
 from stiffscope.robot.library import find_robot, robot_names
@@ -55,9 +56,8 @@ def load_robot(
     0.025
     """
     path = find_robot(name_or_path)
-    return read_robot(
-        path, reading.read_text(path, "a robot file in TOML"), overrides, tolerance
-    )
+    text = reading.read_text(path, "a robot file in TOML")
+    return read_robot(path, text, overrides, tolerance)
 
 
 def load_robot_of(
@@ -117,10 +117,14 @@ def read_robot(
     source = Source(path, text, tuple(overrides))
     with source.refusing():
         check_top(data)
-        of_copies = apply_overrides(data, source, tolerance)
+        written = copy.deepcopy(data) if overrides else {}
+        changes, of_copies = apply_overrides(data, source, tolerance)
         data, values, tolerances = evaluate(data)
         copied = make_copies(data)
         source.origins.update((name, origin.name) for name, origin in copied.items())
+        for change in changes:
+            owner = source.origins.get(change.key[1], change.key[1])
+            check_unit(change, written, owner)
         for override in of_copies:
             value = evaluate_value(override.value, values, override.key)
             assign(data, override.key, value, override.text)

@@ -81,9 +81,24 @@ def check_file(path: Path) -> None:
 
 
 def write_new(path: Path, content: bytes) -> None:
-    """Write a file that must not exist."""
+    """Write a file that does not exist yet, whole or not at all.
+
+    Of several processes that write the same new file at once, one succeeds.
+
+    Raises
+    ------
+    InputError
+        The path exists, of any kind (a link to nothing, too), or cannot be written.
+    """
     check_new(path)
-    write_bytes(path, content)
+    with refusing(path), scratch_folder(path.resolve().parent) as folder:
+        (folder / "file").write_bytes(content)
+        try:
+            # a link is made only where nothing is, unlike a file that is moved
+            os.link(folder / "file", path)
+        except FileExistsError:
+            _check_absent(path, "file", "choose another name")
+            raise
 
 
 def check_new(path: str | Path, advice: str = "choose another name") -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import dataclass, field
 from itertools import chain
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.runtime.formats import write_netcdf, write_table
 from stiffscope.vjm.kinematics.configurations import configure, find_still
 from stiffscope.vjm.model.mechanism import COORDINATES, DIAGONAL
 from stiffscope.vjm.statics.analysis import analyse
@@ -32,6 +34,9 @@ MEMORY = 1.4e9
 PER_POSE = 4e3
 PER_ELEMENT = 100.0  # bytes: most of a map; of a pose, and of each element there
 IN_PLANE = 1e-6  # m or rad; tolerance for marking a pose on the map
+TABLES = (".csv",)  # formats of the table
+_FORCES = ("N m-1",) * 3 + ("N m rad-1",) * 3
+_LENGTHS = ("m",) * 3 + ("rad",) * 3
 PRINCIPAL = {
     "worst": ("N m-1", "stiffness along the softest direction"),
     "best": ("N m-1", "stiffness along the stiffest direction"),
@@ -320,61 +325,95 @@ def map_volume(
     return StiffnessVolume(through, heights, tuple(maps))
 
 
-def write_map(found: StiffnessMap, folder: Path, title: str = "") -> None:
-    """Write map.csv by `write_rows`, map.npz with arrays (row, column, direction), and map.nc; SI.
+@dataclass(frozen=True)
+class Quantity:
+    """A quantity of a map and its names in all files.
 
-    The netCDF file contains the dataset of `to_dataset`.
+    Attributes
+    ----------
+    name : in datasets.
+    column : in tables.
+    array : array (nu, na, …) of map.npz along whose last axis it stands; empty if it is one itself.
+    values, unit, words : (nu, na) in SI, the unit, and what it is.
     """
-    write_rows(found, folder / "map.csv")
+
+    name: str
+    column: str
+    array: str
+    values: Array
+    unit: str
+    words: str
+
+
+def list_quantities(found: StiffnessMap) -> list[Quantity]:
+    """Return all quantities of a map, in the order of its files."""
+    where = "; 1/C_ii where a direction is rigid" if found.rigid.any() else ""
+    own = "with the robot's own weight"
+    out = []
+    for mark, values, words in (
+        ("", found.stiffness, f"stiffness at M without gravity{where}"),
+        ("_loaded", found.loaded, f"stiffness at M {own}{where}"),
+    ):
+        for k, (name, axis) in enumerate(zip(DIAGONAL, COORDINATES, strict=True)):
+            column = name.lower().replace("_", "") + mark
+            names = (name + mark, column, f"stiffness{mark}")
+            about = (_FORCES[k], f"{words}, {axis}")
+            out.append(Quantity(*names, values[..., k], *about))
+    for k, axis in enumerate(COORDINATES):
+        names = (f"sag_{axis}", f"sag_{axis}", "sag")
+        words = f"twist of the tool under the robot's own weight, {axis}"
+        out.append(Quantity(*names, found.sag[..., k], _LENGTHS[k], words))
+    count = 0 if found.frequencies is None else found.frequencies.shape[2]
+    for k in range(count):
+        names = (f"f{k + 1}", f"f{k + 1}", "frequencies")
+        words = f"natural frequency {k + 1}, drives held"
+        out.append(Quantity(*names, found.frequencies[..., k], "Hz", words))
+    more = found.more.items()
+    return out + [Quantity(name, name, "", *scalar) for name, scalar in more]
+
+
+def write_map(
+    found: StiffnessMap | StiffnessVolume, folder: Path, title: str = ""
+) -> None:
+    """Write the table of a map or volume, its dataset (map.nc), and of a map its arrays; SI.
+
+    The table has the columns of `map_columns`; map.npz has arrays (row, column, direction).
+    """
+    write_table(map_columns(found), folder / "map", TABLES, digits=9)
+    write_netcdf(volume_dataset(found, title), folder / "map.nc")
+    if isinstance(found, StiffnessVolume):
+        return
     arrays = {
         found.across: found.columns,
         found.up: found.rows,
         "direction": np.array(DIAGONAL),
     }
     arrays |= {name: np.float64(value) for name, value in found.at.items()}
+    together = defaultdict[str, list["Array"]](list)
+    for each in list_quantities(found):
+        if each.array:
+            together[each.array].append(each.values)
+        else:
+            arrays[each.name] = each.values
+    arrays |= {name: np.stack(each, axis=-1) for name, each in together.items()}
     with (folder / "map.npz").open("wb") as stream:
-        np.savez_compressed(stream, **arrays, **_fields(found))  # type: ignore[arg-type]
-    to_dataset(found, title).to_netcdf(
-        folder / "map.nc", engine="scipy", format="NETCDF3_64BIT"
-    )
+        np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
 
 
-def write_rows(found: StiffnessMap | StiffnessVolume, file: Path) -> None:
-    """Write a CSV table, SI, with one line per reachable pose of a map or volume."""
-    slices = [found] if isinstance(found, StiffnessMap) else found.maps
-    third = [] if isinstance(found, StiffnessMap) else [found.through]
-    words = [name.lower().replace("_", "") for name in DIAGONAL]
-    first = slices[0]
-    sags = [f"sag_{axis}" for axis in COORDINATES]
-    count = 0 if first.frequencies is None else first.frequencies.shape[2]
-    names = [
-        first.across,
-        first.up,
-        *third,
-        *words,
-        *(f"{word}_loaded" for word in words),
-        *sags,
-    ]
-    names += [*(f"f{k + 1}" for k in range(count)), *first.more]
-    with file.open("w") as stream:
-        stream.write(",".join(names) + "\n")
-        for each in slices:
-            n = len(each.rows) * len(each.columns)
-            across, up = np.meshgrid(each.columns, each.rows)
-            held = [np.full(n, each.at[name]) for name in third]
-            fields = (values.reshape(n, -1) for values in _fields(each).values())
-            rows = np.column_stack([across.ravel(), up.ravel(), *held, *fields])
-            np.savetxt(stream, rows[each.reached.ravel()], delimiter=",", fmt="%.9g")
+def map_columns(found: StiffnessMap | StiffnessVolume) -> dict[str, Array]:
+    """Return columns (n,) of the reachable poses of a map or volume and all quantities there, SI."""
+    if isinstance(found, StiffnessMap):
+        return _columns_of(found)
+    layers = [_columns_of(each, found.through) for each in found.maps]
+    return {name: np.concatenate([each[name] for each in layers]) for name in layers[0]}
 
 
-def _fields(found: StiffnessMap) -> dict[str, np.ndarray]:
-    fields = {
-        "stiffness": found.stiffness,
-        "stiffness_loaded": found.loaded,
-        "sag": found.sag,
-    }
-    fields |= {} if found.frequencies is None else {"frequencies": found.frequencies}
-    return fields | {name: scalar.values for name, scalar in found.more.items()}
+def _columns_of(found: StiffnessMap, *third: str) -> dict[str, Array]:
+    across, up = np.meshgrid(found.columns, found.rows)
+    columns = {found.across: across, found.up: up}
+    columns |= {name: np.full(across.shape, found.at[name]) for name in third}
+    columns |= {each.column: each.values for each in list_quantities(found)}
+    return {name: values[found.reached] for name, values in columns.items()}
 
 
 def to_dataset(found: StiffnessMap, title: str = "") -> xr.Dataset:
@@ -385,38 +424,10 @@ def to_dataset(found: StiffnessMap, title: str = "") -> xr.Dataset:
     """
     import xarray as xr
 
-    where = "; 1/C_ii where a direction is rigid" if found.rigid.any() else ""
-    forces = ("N m-1",) * 3 + ("N m rad-1",) * 3
-    lengths = ("m",) * 3 + ("rad",) * 3
-    kinds = (
-        ("{0}", found.stiffness, forces, f"stiffness at M without gravity{where}"),
-        (
-            "{0}_loaded",
-            found.loaded,
-            forces,
-            f"stiffness at M with the robot's own weight{where}",
-        ),
-        (
-            "sag_{1}",
-            found.sag,
-            lengths,
-            "twist of the tool under the robot's own weight",
-        ),
-    )
-    scalars = {
-        name.format(DIAGONAL[k], axis): Scalar(
-            values[..., k], units[k], f"{words}, {axis}"
-        )
-        for name, values, units, words in kinds
-        for k, axis in enumerate(COORDINATES)
-    }
-    sounds = np.zeros((0, 0, 0)) if found.frequencies is None else found.frequencies
-    for k in range(1, sounds.shape[2] + 1):
-        words = f"natural frequency {k}, drives held"
-        scalars[f"f{k}"] = Scalar(sounds[..., k - 1], "Hz", words)
+    over = (found.up, found.across)
     variables = {
-        name: ((found.up, found.across), values, {"units": unit, "long_name": words})
-        for name, (values, unit, words) in (scalars | found.more).items()
+        each.name: (over, each.values, {"units": each.unit, "long_name": each.words})
+        for each in list_quantities(found)
     }
     swept = {
         found.across: (found.across, found.columns),
@@ -429,7 +440,7 @@ def to_dataset(found: StiffnessMap, title: str = "") -> xr.Dataset:
         words = f"tool point M, {name}"
         if name.startswith("r"):
             words = f"rotation vector of the tool from home, {name[-1]}"
-        about = {"units": lengths[COORDINATES.index(name)], "long_name": words}
+        about = {"units": _LENGTHS[COORDINATES.index(name)], "long_name": words}
         if found.down and name == found.up:
             about["positive"] = "down"
         places[name] = (*value, about)

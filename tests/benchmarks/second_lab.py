@@ -2,12 +2,14 @@
 
 Loops, joints and elements are those of ``tests.vjm.oracle`` (maximal coordinates, dense), nothing of the library but
 the description of the robot; effects are built into the network's elements, exactly. Sizes are drawn log-uniformly: of
-a drive and a link by their factors, of bearings, base and tool from 0.02 to 3 times the robot's own compliance.
+a drive and a link by their factors, of bearings, base and tool from 0.02 to 3 times the robot's own compliance; of a
+tool point by its lever; of friction and of the load at which a preload is lost by the largest force of the drive. A
+series twin is a bearing that yields along its drive alone: both fit, and either name without the other is false.
 """
 
 import re
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 
 import numpy as np
@@ -38,8 +40,17 @@ CYCLE = (
     "platform-compliance",
     "joint-compliance",
     "base-compliance",
+    "tool-offset",
+    "friction",
+    "preload-loss",
+    "series",
     "",
 )
+LADDER = (1 / 3, 2 / 3, 1.0, 2 / 3, 1 / 3)  # loads of drives that stick or bend
+OFFSET = (0.01, 0.15)  # of the lever by which the robot's rotations move the tool
+FRICTION = (0.03, 0.5)  # of the largest force of a drive
+KNEE = (0.2, 0.7)
+BEYOND = (0.2, 0.7)  # factor on the stiffness beyond it, or its inverse
 TOGETHER = 0.2  # of soft bearings, those of all passive joints alike
 DRIVE = (0.1, 0.85)
 LINK = (0.2, 0.85)
@@ -54,6 +65,14 @@ class Planted:
     """`effect @ place`; empty for a sound robot."""
     size: str
     added: dict
+    offset: tuple = (0.0, 0.0, 0.0)
+    """Of the tool point on its body, m, home axes."""
+    drive: str = ""
+    """A drive that sticks or bends."""
+    friction: float = 0.0
+    knee: float = np.inf
+    growth: float = 0.0
+    """Relative growth of the drive's compliance beyond the knee."""
 
 
 @dataclass(frozen=True)
@@ -70,9 +89,103 @@ class Bench:
         diagonal = np.array([np.diag(c) for c in self.compliances({})])
         return np.median(diagonal[:, :3]), np.median(diagonal[:, 3:])
 
-    def compliances(self, added):
-        """Compliance (6, 6) at M at every pose."""
-        return [np.linalg.inv(_stiffness(network, added)) for network in self.networks]
+    def compliances(self, added, offset=(0.0, 0.0, 0.0)):
+        """Compliance (6, 6) at every pose at M, or at a point beside it on its body."""
+        out = []
+        for network in self.networks:
+            compliance = np.linalg.inv(_stiffness(network, added))
+            rotation = network[0].of(self.robot.mechanism.tool.body)[0]
+            carry = np.eye(6)
+            carry[:3, 3:] = -oracle.skew(rotation @ np.array(offset))
+            out.append(carry @ compliance @ carry.T)
+        return out
+
+    def along_drive(self, name):
+        """Return the pattern (6, 6) of a drive's compliance in its joint's axes."""
+        joint = self.robot.driven[name]
+        axis = np.eye(6)[3 if joint.kind == "revolute" else 0]
+        return np.outer(axis, axis)
+
+    def drive_forces(self, name):
+        """Return a drive's force (6,) per wrench at every pose, and the force by which it resists a unit slip.
+
+        An added compliance d changes C by d w wᵀ / (1 + s d): w and s by two sizes of it.
+        """
+        softness = 1.0 / self.robot.driven[name].drive.stiffness
+        unit = self.along_drive(name)
+        sizes = (1e-3 * softness, softness)
+        sound = self.compliances({})
+        soft = [self.compliances({name: size * unit}) for size in sizes]
+        out = []
+        for k, compliance in enumerate(sound):
+            small, large = ((each[k] - compliance) for each in soft)
+            trace = [np.trace(small) / sizes[0], np.trace(large) / sizes[1]]
+            # t(d) = |w|² / (1 + s d) at two sizes
+            stiff = (trace[0] / trace[1] - 1.0) / (
+                sizes[1] - sizes[0] * trace[0] / trace[1]
+            )
+            values, vectors = np.linalg.eigh(
+                large * (1.0 + stiff * sizes[1]) / sizes[1]
+            )
+            out.append((vectors[:, -1] * np.sqrt(max(values[-1], 0.0)), stiff))
+        return out
+
+    @cached_property
+    def series_twins(self):
+        """Bearings that yield along a drive at every pose, with the drive and the pattern (6, 6)."""
+        sound = np.array(self.compliances({}))
+        changes = {}
+        for drive in self.robot.driven:
+            softness = 1e-2 / self.robot.driven[drive].drive.stiffness
+            soft = self.compliances({drive: softness * self.along_drive(drive)})
+            changes[drive] = np.array(soft) - sound
+        out = []
+        for joint in self.robot.mechanism.joints:
+            if joint.kind in ("revolute", "spherical", "universal") and not joint.drive:
+                unit = _bearing(joint, "straight", 1.0, 0.0)
+                soft = self.compliances({joint.name: 1e-2 * self.own[0] * unit})
+                change = np.array(soft) - sound
+                out += [
+                    (joint.name, drive, unit)
+                    for drive, other in changes.items()
+                    if _cosine(change, other) > 1.0 - 1e-6
+                ]
+        return out
+
+    def lose(self, planted, wrenches):
+        """Return the motion (pose, load, step, 6) that a drive loses under ladders of wrenches."""
+        name = planted.drive
+        stiffness = self.robot.driven[name].drive.stiffness
+        out = np.zeros_like(wrenches)
+        for k, (force, back) in enumerate(self.drive_forces(name)):
+            for load in range(wrenches.shape[1]):
+                carried = 0.0
+                for step, wrench in enumerate(wrenches[k, load]):
+                    slip, carried = _find_slip(
+                        planted, force @ wrench, stiffness, back, carried
+                    )
+                    out[k, load, step] = force * slip
+        return out
+
+
+def _cosine(a, b):
+    size = np.linalg.norm(a) * np.linalg.norm(b)
+    return np.sum(a * b) / size if size else 0.0
+
+
+def _find_slip(planted, applied, stiffness, back, before):
+    """Return a drive's slip beside its linear spring, and what the spring carries then."""
+    slip = 0.0
+    carried = before
+    for _ in range(200):
+        force = applied - back * slip
+        carried = np.clip(before, force - planted.friction, force + planted.friction)
+        beyond = np.sign(carried) * max(abs(carried) - planted.knee, 0.0)
+        wanted = (carried - force + planted.growth * beyond) / stiffness
+        if abs(wanted - slip) <= 1e-12 * max(abs(wanted), 1e-15):
+            break
+        slip = slip + 0.5 * (wanted - slip)
+    return slip, carried
 
 
 def _stiffness(network, added):
@@ -142,6 +255,48 @@ def _bearing(joint, which, translation, rotation):
         )
         * held
     )
+
+
+def _drawn_offset(lab, rng):
+    length = np.sqrt(lab.own[0] / lab.own[1])
+    size = _log_uniform(rng, *OFFSET) * length
+    offset = rng.standard_normal(3)
+    offset = offset * size / np.linalg.norm(offset)
+    return Planted("tool-offset @ tool", f"{size:.2g} m", {}, tuple(offset))
+
+
+def _drawn_law(lab, word, rng):
+    names = list(lab.robot.driven)
+    place = names[rng.integers(len(names))]
+    force = 500.0 * max(np.abs(w[:3]).max() for w, _ in lab.drive_forces(place))
+    name = f"{word} @ {place}"
+    if word == "friction":
+        held = _log_uniform(rng, *FRICTION) * force
+        return Planted(name, f"{held:.3g}", {}, drive=place, friction=held)
+    knee = _log_uniform(rng, *KNEE) * force
+    factor = _log_uniform(rng, *BEYOND) ** rng.choice([-1.0, 1.0])
+    size = f"{factor:.3g} beyond {knee:.3g}"
+    growth = 1.0 / factor - 1.0
+    return Planted(name, size, {}, drive=place, knee=knee, growth=growth)
+
+
+def _drawn_twin(lab, rng):
+    twins = lab.series_twins
+    if not twins:
+        return _drawn(lab, "actuator-stiffness", rng)
+    name, drive, unit = twins[rng.integers(len(twins))]
+    softness = 1.0 / lab.robot.driven[drive].drive.stiffness
+    size = (1.0 / _log_uniform(rng, *DRIVE) - 1.0) * softness
+    what = f"{size:.2g} along {drive}"
+    return Planted(f"joint-compliance @ {name}", what, {name: size * unit})
+
+
+OTHERWISE = {
+    "tool-offset": _drawn_offset,
+    "friction": lambda lab, rng: _drawn_law(lab, "friction", rng),
+    "preload-loss": lambda lab, rng: _drawn_law(lab, "preload-loss", rng),
+    "series": _drawn_twin,
+}
 
 
 def _drawn(lab, word, rng):
@@ -222,33 +377,34 @@ def campaign_of(name, number, seed=1):
     )
     length = np.sqrt(rms[0] / rms[1])
     sigma = NOISE * 500.0 * rms * np.array([1.0, length])
-    sigma = np.tile(np.repeat(sigma, 3), 6 * POSES)
     force = (
         500.0 * rng.uniform(0.3, 1.0, (POSES, 6)) * rng.choice([-1.0, 1.0], (POSES, 6))
     )
-    wrenches = force[..., None] * np.diag(
-        np.repeat([1.0, length], 3)
-    )  # (pose, load, 6)
-
-    def read(added):
-        return np.concatenate(
-            [
-                (w @ c).ravel()
-                for w, c in zip(wrenches, lab.compliances(added), strict=True)
-            ]
-        )
-
     word = CYCLE[number % len(CYCLE)]
-    base = read({})
+    steps = LADDER if word in ("friction", "preload-loss") else (1.0,)
+    whole = force[..., None] * np.diag(np.repeat([1.0, length], 3))
+    wrenches = whole[:, :, None] * np.array(steps)[:, None]  # (pose, load, step, 6)
+    sigma = np.tile(np.repeat(sigma, 3), 6 * POSES * len(steps))
+
+    def read(planted):
+        compliances = np.array(lab.compliances(planted.added, planted.offset))
+        out = np.einsum("pij,plsj->plsi", compliances, wrenches)
+        return (out + lab.lose(planted, wrenches) if planted.drive else out).ravel()
+
     planted = Planted("", "", {})
+    base = read(planted)
     value = base
     while word:
-        planted = _drawn(lab, word, rng)
-        value = read(planted.added)
+        draw = OTHERWISE.get(word)
+        planted = draw(lab, rng) if draw else _drawn(lab, word, rng)
+        value = read(planted)
         if np.sum(((value - base) / sigma) ** 2) > SEEN:
             break
-    pose, load, axis = (
-        v.ravel() for v in np.meshgrid(range(POSES), range(6), range(6), indexing="ij")
+    pose, load, step, axis = (
+        v.ravel()
+        for v in np.meshgrid(
+            range(POSES), range(6), range(len(steps)), range(6), indexing="ij"
+        )
     )
     n = len(value)
     made = Campaign(
@@ -258,7 +414,7 @@ def campaign_of(name, number, seed=1):
         tuple(str(k) for k in range(POSES)),
         lab.poses,
         pose,
-        wrenches[pose, load],
+        wrenches[pose, load, step],
         axis,
         value + sigma * rng.standard_normal(n),
         sigma,

@@ -344,7 +344,7 @@ def test_modules_of_the_working_folder_change_nothing(foreign, arguments):
             foreign / "part.step",
         )
     environment = {**os.environ, "STIFFSCOPE_CACHE": str(foreign / "cache")}
-    command = [sys.executable, "-m", "stiffscope", *arguments]
+    command = [sys.executable, "-m", "stiffscope", *arguments, "--quiet"]
     done = subprocess.run(
         command,
         cwd=foreign,

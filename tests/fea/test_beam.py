@@ -1,15 +1,9 @@
 import numpy as np
 import pytest
 
+from stiffscope.cad.cross_sections import circle, rectangle, saint_venant_torsion
 from stiffscope.errors import InputError
-from stiffscope.fea.beam import (
-    circle,
-    euler_bernoulli,
-    polar,
-    rectangle,
-    saint_venant_torsion,
-    timoshenko,
-)
+from stiffscope.fea.beam import euler_bernoulli, polar, timoshenko
 
 E = 211e9
 G = 81e9

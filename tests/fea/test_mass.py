@@ -11,8 +11,9 @@ from scipy.sparse.linalg import LinearOperator, eigsh
 import stiffscope.fea.dynamics
 import stiffscope.fea.solvers
 import stiffscope.fea.spaces
+from stiffscope.cad.cross_sections import rectangle
 from stiffscope.errors import InputError
-from stiffscope.fea.beam import rectangle, timoshenko
+from stiffscope.fea.beam import timoshenko
 from stiffscope.fea.dynamics import compute_dynamics, vibration_of
 from stiffscope.fea.experiment import load_experiment
 from stiffscope.fea.export import free_superelement

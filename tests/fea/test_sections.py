@@ -5,19 +5,13 @@ import pytest
 from skfem import Basis, BilinearForm, ElementQuad2, LinearForm, MeshQuad, solve
 from skfem.helpers import dot, grad
 
-from stiffscope.cad.beam import BEAMS
+from stiffscope.cad.cross_sections import box, channel, circle, i_section
 from stiffscope.cad.materials import STEEL
 from stiffscope.cad.part import mass_properties
+from stiffscope.cad.shapes import SHAPES
 from stiffscope.cad.solid import build
 from stiffscope.errors import InputError
-from stiffscope.fea.beam import (
-    box,
-    channel,
-    circle,
-    i_section,
-    restrained_torsion,
-    timoshenko,
-)
+from stiffscope.fea.beam import restrained_torsion, timoshenko
 from stiffscope.fea.run import run_experiment
 from stiffscope.fea.settings import Settings
 
@@ -94,7 +88,7 @@ def test_closed_forms_are_those_of_the_warping_function(shape):
     size, form = SECTIONS[shape]
     section = form(**size)
     area, about_y, about_z, torsion, centre, warping = integrals(
-        BEAMS[shape](LENGTH, **size).outline()
+        SHAPES[shape](LENGTH, **size).outline()
     )
     assert section.area == pytest.approx(area, rel=1e-9)
     assert (section.bending_y, section.bending_z) == pytest.approx(
@@ -110,7 +104,7 @@ def test_closed_forms_are_those_of_the_warping_function(shape):
 def test_a_solid_beam_is_as_stiff_as_the_closed_forms_say(shape):
     size, form = SECTIONS[shape]
     section = form(**size)
-    part = build(BEAMS[shape](LENGTH, **size))
+    part = build(SHAPES[shape](LENGTH, **size))
     assert mass_properties(part).volume == pytest.approx(
         LENGTH * section.area, rel=1e-9
     )
@@ -136,4 +130,4 @@ def test_impossible_sections_are_refused():
         InputError,
         match=r"channel\.web: expected up to 39.5 mm in this section, got 50 mm",
     ):
-        BEAMS["channel"](LENGTH, 0.04, 0.06, 0.006, 0.05)
+        SHAPES["channel"](LENGTH, 0.04, 0.06, 0.006, 0.05)

@@ -295,9 +295,7 @@ def test_no_gap_and_missing_gravity():
             marks=pytest.mark.long,
         ),
         ("drifting-sensor", "instrument", {"displacement": 5e-6}),
-        pytest.param(
-            "drive-friction", "limbs", {"force": 60.0}, marks=pytest.mark.long
-        ),
+        pytest.param("friction", "limbs", {"force": 60.0}, marks=pytest.mark.long),
     ],
 )
 def test_a_fault_without_a_word_is_not_named(fault, place, parameters):

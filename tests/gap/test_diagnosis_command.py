@@ -91,6 +91,7 @@ def test_nothing_is_adopted_where_the_results_cannot_be_written(
         str(tmp_path / "out"),
         "--adopt",
         str(tmp_path / "adopted.toml"),
+        "--quiet",
     ]
     assert _guarded(words) == 1
     assert len(capsys.readouterr().err.splitlines()) == 1

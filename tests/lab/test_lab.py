@@ -87,7 +87,12 @@ EXAMPLES = {
     ("force-scale", "instrument"): {"factor": 0.95},
     ("cable-chain", "tool"): {"x": 2e4, "y": 2e4, "z": 1e4},
     ("hardening-drive", "limbs"): {"cubic": 1e16},
-    ("drive-friction", "limb1"): {"force": 60.0},
+    ("friction", "limb1"): {"force": 60.0},
+    ("preload-loss", "limb1"): {"load": 40.0, "factor": 0.6},
+    ("tool-offset", "tool"): {"x": 0.02, "z": -0.01, "ry": 0.003},
+    ("force-cross-talk", "fz"): {"fx": 0.05, "fy": -0.03},
+    ("column-swap", "x/y"): {},
+    ("load-value", "500 N"): {"factor": 0.9},
     ("stiffening-joint", "limb1.link2.joint_a"): {"radial": 1e-7, "knee": 1e-6},
     ("joint-play", "limb1.link2.joint_a"): {"radial": 2e-5},
     ("loose-bolt", "limb1.link2.joint_a"): {"opening": 1e-7},
@@ -259,7 +264,7 @@ def test_stiffness_is_that_of_the_verified_table(angle, rigid_slider, expected):
 
 def test_the_platform_sags_and_the_weight_pulls_the_limbs_together():
     """Sag 10.8 µm; thrust (W/2 + 3w/2) cot q in each drive."""
-    probed = inject(SOUND, "drive-friction", "limbs", {"force": 1.0})
+    probed = inject(SOUND, "friction", "limbs", {"force": 1.0})
     response = respond(probed, HOME, [tool_spot(probed)])
     assert sag(SOUND, HOME)[0] * 1e6 == pytest.approx([0, 0, 10.8, 0, 0, 0], abs=0.05)
     thrust = (7.93 + 3 * 2 * 1.95 / 2) / 2 * 9.81 / np.tan(angle_at(HOME[0]))
@@ -497,9 +502,7 @@ def test_nonlinear_drives():
     e = hard[2] - linear[2] + 500 / DRIVE
     assert DRIVE * e + 1e16 * e**3 == pytest.approx(500, rel=1e-6)
     assert hard[0] == pytest.approx(-hard[2])
-    stuck = seen(inject(SOUND, "drive-friction", "stage", {"force": 60.0}), plan)[0][
-        0, :, 1
-    ]
+    stuck = seen(inject(SOUND, "friction", "stage", {"force": 60.0}), plan)[0][0, :, 1]
     assert linear - stuck == pytest.approx(np.array([-60, 50, 60]) / DRIVE, rel=1e-6)
 
 
@@ -513,7 +516,7 @@ def test_lost_motion_is_in_equilibrium_with_the_force_that_it_leaves(law):
     slot = Slot("joint", 1, law, size, stiff, 1e-5)
     against = 5e5
     force = np.array([[-40.0], [-2.0], [0.0], [2.0], [40.0]])
-    s = settle([slot], np.full((5, 1, 1), -against), force, gaps=False)[:, 0]
+    s = settle([slot], np.full((5, 1, 1), -against), force, gaps=True)[:, 0]
     left = force[:, 0] - against * s
     extension = s + left / stiff
     law_of = {
@@ -574,7 +577,7 @@ def test_a_gauge_on_a_moving_body_reads_the_difference():
     plan = replace(
         loaded(HOME, [300.0, 0, 0, 0, 0, 0], deviations=False), sensors=(gauge,)
     )
-    probed = inject(SOUND, "drive-friction", "limb1", {"force": 1e-9})
+    probed = inject(SOUND, "friction", "limb1", {"force": 1e-9})
     force = respond(probed, HOME, [tool_spot(probed)]).force[0, 0, 0] * 300.0
     assert true_readings(SOUND, plan).value[0] == pytest.approx(
         -force / DRIVE, rel=1e-6

@@ -253,3 +253,52 @@ def test_a_page_follows_a_slider_five_times_a_second():
     finally:
         over.set()
         thread.join()
+
+
+def test_two_pages_do_not_mix(delta, tmp_path):
+    motor = "leg1.motor.drive.stiffness"
+    first = STILL | {"values": {motor: 11111.0}}
+    second = STILL | {"values": {motor: 22222.0}}
+    kept = [tmp_path / "first.toml", tmp_path / "second.toml"]
+
+    async def work(server):
+        address = server.address.replace("http", "ws").replace("/?", "/socket?")
+        sockets = [
+            await websocket_connect(
+                HTTPRequest(address, headers={"Origin": origin(server)})
+            )
+            for _ in kept
+        ]
+        for socket, setting in zip(sockets, (first, second), strict=True):
+            await socket.write_message(json.dumps(setting))
+        for socket, target in zip(sockets, kept, strict=True):
+            await socket.write_message(json.dumps({"keep": str(target)}))
+            while True:
+                said = json.loads(await asyncio.wait_for(socket.read_message(), 60))
+                if "kept" in said:
+                    break
+            assert target.name in said["kept"]
+            socket.close()
+
+    run(delta, work)
+    stiffness = [
+        ss.load_robot(str(target)).joints["leg1.motor"].drive.stiffness
+        for target in kept
+    ]
+    assert stiffness == [11111.0, 22222.0]
+
+
+def test_what_no_page_sends_is_answered_in_one_line(delta, tmp_path):
+    link = tmp_path / "link.toml"
+    link.symlink_to(tmp_path / "nowhere")
+    orders = (("[" * 200_000, "problem"), ({"keep": str(link)}, "problem"))
+    nested, dangling = run(delta, lambda server: follow(server, *orders))
+    assert nested == "expected a setting of the page, got nested lists"
+    assert "new file" in dangling
+
+    async def knock(server):
+        with pytest.raises(HTTPClientError) as error:
+            await AsyncHTTPClient().fetch(f"{origin(server)}/?token=%C3%A9")
+        return error.value.code
+
+    assert run(delta, knock) == 403

@@ -27,6 +27,7 @@ from stiffscope.lab.show import show_scores
 from stiffscope.parts.show import show_interfaces
 from stiffscope.report import part_tables, tables
 from stiffscope.report.numbers import find_resolved, name_pose
+from stiffscope.report.progress import progress
 from stiffscope.report.terminal import in_encoding, show_line, show_table
 from stiffscope.vjm.statics.analysis import Stiffness
 
@@ -379,3 +380,20 @@ def test_displacements_of_drives_are_in_their_own_units():
         == "q:slide, q:elbow (m or rad) = 0.25, 1.5"
     )
     assert name_pose((0.25, np.pi / 2), ("x", "rz")) == "x, rz (mm, deg) = 250, 90"
+
+
+def test_long_work_without_a_terminal_writes_lines_now_and_then(monkeypatch, capsys):
+    clock = [0.0]
+    monkeypatch.setattr("stiffscope.report.progress.time.monotonic", lambda: clock[0])
+    for quiet, lines in ((False, 3), (True, 0)):
+        clock[0] = 0.0
+        with progress(quiet=quiet) as open_line:
+            report = open_line("slider")
+            for second in range(80):
+                clock[0] = float(second)
+                report("mesh", second / 80)
+        written = capsys.readouterr().err.splitlines()
+        assert len(written) == lines
+    with progress(quiet=False) as open_line:
+        open_line("link")("solve", 0.5)
+    assert capsys.readouterr().err == ""

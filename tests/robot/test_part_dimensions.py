@@ -5,9 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stiffscope.cad.cross_sections import box, channel, circle, i_section
 from stiffscope.cad.materials import STEEL
 from stiffscope.errors import InputError
-from stiffscope.fea.beam import box, channel, circle, i_section, timoshenko
+from stiffscope.fea.beam import timoshenko
 from stiffscope.gap.effects.part_dimension import find_dimensions
 from stiffscope.gap.effects.vocabulary import apply_effect
 from stiffscope.robot.mechanism_of import mechanism_of

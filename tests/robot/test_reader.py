@@ -1,11 +1,13 @@
 """A robot file of any mechanism: what it means, and that errors name file, line, field and what would be valid."""
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from stiffscope.errors import InputError
+from stiffscope.robot.file.override import TypedOverride
 from stiffscope.robot.file.sections import AXES
 from stiffscope.robot.library import copy_robot, find_robot, robot_names
 from stiffscope.robot.mechanism_of import mechanism_of
@@ -1136,3 +1138,20 @@ def test_files_that_cannot_be_robots(tmp_path):
     ]:
         with pytest.raises(InputError, match=message):
             load_robot(tmp_path / f"{name}.toml")
+
+
+@pytest.mark.parametrize(
+    ("robot", "override", "unit"),
+    [
+        ("biglide", "slider.thickness=16", "16 mm"),
+        ("delta", "leg1.motor.drive.stiffness=30", "30 kN*m/rad"),
+        ("delta", "leg2.motor.drive.stiffness=30", "30 kN*m/rad"),
+    ],
+)
+def test_a_typed_bare_number_is_refused_where_the_file_states_a_unit(
+    robot, override, unit
+):
+    with pytest.raises(InputError, match=re.escape(f"such as {unit}")):
+        load_robot(robot, [TypedOverride(override)])
+    with_unit = override.partition("=")[0] + "=" + unit
+    load_robot(robot, [with_unit])

@@ -8,7 +8,7 @@ from PIL import Image
 
 from stiffscope.cli.main import cli
 from stiffscope.errors import InputError
-from stiffscope.experiments.comparison import _find_printed
+from stiffscope.experiments.comparison import _list_sources
 from stiffscope.robot.reader import load_robot
 
 
@@ -134,12 +134,17 @@ def test_a_pose_that_cannot_be_commanded_is_refused_at_its_line(
 )
 def test_a_part_of_another_shape_or_material_has_no_published_matrix(change):
     robot = load_robot("biglide")
-    assert _find_printed(robot, "slider") is not None
-    assert _find_printed(robot, "link") is not None
+    assert _list_sources(robot, "slider")["published"] is not None
+    assert _list_sources(robot, "link")["published"] is not None
     other = load_robot("biglide", [change])
-    assert _find_printed(other, "slider") is None
-    assert (_find_printed(other, "link") is None) == ("materials" in change)
-    assert _find_printed(load_robot("biglide", ["link.bore=5mm"]), "link") is None
+    assert _list_sources(other, "slider")["published"] is None
+    assert (_list_sources(other, "link")["published"] is None) == (
+        "materials" in change
+    )
+    assert (
+        _list_sources(load_robot("biglide", ["link.bore=5mm"]), "link")["published"]
+        is None
+    )
     assert (
         _find_printed(load_robot("biglide", ["slider.rib_height=9mm"]), "slider")
         is not None

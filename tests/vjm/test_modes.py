@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stiffscope.cad.cross_sections import circle
 from stiffscope.errors import InputError
-from stiffscope.fea.beam import circle, timoshenko
+from stiffscope.fea.beam import timoshenko
 from stiffscope.robot.beam_dynamics import beam_dynamics
 from stiffscope.vjm.model.bodies import Body, member
 from stiffscope.vjm.model.dynamics import Dynamics

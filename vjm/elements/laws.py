@@ -15,7 +15,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.vjm.model.joints import DRIVEN, Drive
+from stiffscope.vjm.model.joints import Drive
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -68,7 +68,7 @@ def _with_drives(
             if joint.name in lines and joint.drive is not None:
                 slope, offset = lines[joint.name]
                 own = np.zeros(6) if joint.offset is None else joint.offset.copy()
-                own[DRIVEN[joint.kind]] += offset
+                own[joint.type.driven] += offset
                 drive = (
                     Drive(slope, joint.drive.low, joint.drive.high) if slope else None
                 )

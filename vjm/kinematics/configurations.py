@@ -321,9 +321,7 @@ def _check_rows(values: ArrayLike, names: list[str], what: str) -> Array:
 
 
 def _value_text(joint: Joint, value: float) -> str:
-    return (
-        f"{np.degrees(value):.6g} deg" if joint.kind == "revolute" else f"{value:.6g} m"
-    )
+    return f"{np.degrees(value):.6g} deg" if joint.turns else f"{value:.6g} m"
 
 
 def _place_text(coordinate: str, value: float) -> str:

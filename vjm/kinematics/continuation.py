@@ -171,7 +171,7 @@ def _find_regular(
 
 def _step_of(joint: Joint, length: float) -> float:
     """Return the displacement of a drive towards a regular configuration, within its range."""
-    step = _ASIDE * (1.0 if joint.kind == "revolute" else length)
+    step = _ASIDE * (1.0 if joint.turns else length)
     low, high = (
         (joint.drive.low, joint.drive.high) if joint.drive else (-np.inf, np.inf)
     )
@@ -218,7 +218,7 @@ def drive_sign(solver: Solver, placed: Placed, rates: Array) -> Array:
     rows = np.empty((n, len(drives), len(drives)))
     linkage = solver.linkage
     for k, joint in enumerate(drives):
-        scale = 1.0 if joint.kind == "revolute" else linkage.length
+        scale = 1.0 if joint.turns else linkage.length
         if joint.name in linkage.columns:
             rows[:, k] = rates[linkage.columns[joint.name][joint.driven or 0]].T / scale
             continue
@@ -226,7 +226,7 @@ def drive_sign(solver: Solver, placed: Placed, rates: Array) -> Array:
         twists = placed.twists[cut.columns] * cut.signs[:, None, None]
         moved = across = np.einsum("cin,ckn->ikn", twists, rates[cut.columns])
         axis = np.broadcast_to(joint.axes[:, 0] @ placed.rotation[cut.first], (3, n))
-        if joint.kind == "revolute":
+        if joint.turns:
             moved = across[3:]
         else:
             at = np.broadcast_to(placed.point(cut.second, joint.at), (3, n))

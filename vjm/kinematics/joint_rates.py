@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.vjm.model.checks import GROUND
-from stiffscope.vjm.model.joints import FREE
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -39,7 +38,7 @@ class JointRates:
         points = np.array([*self.at, self.tool])
         self.middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
         self.length = float(np.linalg.norm(np.ptp(points, axis=0))) or 1.0
-        self.starts = np.cumsum([0, *(len(FREE[j.kind]) for j in self.joints)])
+        self.starts = np.cumsum([0, *(len(j.type.free) for j in self.joints)])
         self.screws = [
             self._screws(j, at) for j, at in zip(self.joints, self.at, strict=True)
         ]
@@ -64,7 +63,7 @@ class JointRates:
             elif kind == "P":
                 out.append(np.concatenate([first @ axis, np.zeros(3)]))
             else:
-                turned = (second if joint.kind == "universal" and out else first) @ axis
+                turned = (second if joint.cross and out else first) @ axis
                 out.append(np.concatenate([np.cross(arm, turned), turned]))
         return np.array(out).T if out else np.zeros((6, 0))
 

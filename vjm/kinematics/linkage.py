@@ -332,28 +332,22 @@ def _cross(a: Array, b: Array, out: Array) -> None:
 
 def find_free_coordinates(joint: Joint, across: Array, gap: Array) -> Array:
     """Return a joint's coordinates from its second body's displacement relative to its first."""
+    if not joint.type.free:
+        return np.zeros((len(across), 0))
+    if joint.type.is_ball:
+        return rotation_vector(across)
     x, y, z = joint.axes.T
+    if joint.cross:
+        second = joint.cross[1]
+        image = across @ second
+        back = across.mT @ x
+        side = np.cross(x, second)
+        first_angle = np.arctan2(image @ side, image @ np.cross(side, x))
+        second_angle = np.arctan2(back @ side, back @ np.cross(second, side))
+        return np.stack([first_angle, second_angle], axis=-1)
     angle = np.arctan2((across @ y) @ z, (across @ y) @ y)
-    found: list[Array] = []
-    match joint.kind:
-        case "revolute":
-            found = [angle]
-        case "prismatic":
-            found = [gap @ x]
-        case "cylindrical":
-            found = [angle, gap @ x]
-        case "planar":
-            found = [gap @ y, gap @ z, angle]
-        case "spherical":
-            found = list(rotation_vector(across).T)
-        case "universal" if joint.axis2 is not None:
-            image = across @ joint.axis2
-            back = across.mT @ x
-            side = np.cross(x, joint.axis2)
-            found = [np.arctan2(image @ side, image @ np.cross(side, x))]
-            found.append(np.arctan2(back @ side, back @ np.cross(joint.axis2, side)))
-        case _:
-            return np.zeros((len(across), 0))
+    along = (gap @ x, gap @ y, gap @ z, angle)
+    found = [along[k] for k in joint.type.free]
     return np.stack(np.broadcast_arrays(*found), axis=-1)
 
 

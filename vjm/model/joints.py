@@ -27,27 +27,101 @@ if TYPE_CHECKING:
 
     from stiffscope.vjm.model.screws import Array
 
-FREE: dict[str, tuple[int, ...]] = {
-    "fixed": (),
-    "revolute": (3,),
-    "prismatic": (0,),
-    "cylindrical": (3, 0),
-    "universal": (3, 4),
-    "spherical": (3, 4, 5),
-    "planar": (1, 2, 3),
+
+@dataclass(frozen=True)
+class JointType:
+    """A type of joint: every fact of it that does not depend on a particular joint.
+
+    Attributes
+    ----------
+    name : name in robot files.
+    about : description for the reference.
+    free : free components among x y z rx ry rz in the joint's axes, in the order of its
+        coordinates; all others are held.
+    needed_axes : axes it needs: none, ``axis``, or ``axis`` and ``axis2``, at any angle.
+    driven : component along which a drive acts; None if no drive can move it.
+    symbol : how pictures show it: "pin", "rail", "cross", "ball", "disc" or not at all.
+    """
+
+    name: str
+    about: str
+    free: tuple[int, ...]
+    needed_axes: int = 1
+    driven: int | None = None
+    symbol: str = ""
+
+    @cached_property
+    def turns(self) -> bool:
+        """Whether its drive or spring acts on rotations; else on translations."""
+        return any(k > 2 for k in self.free) and self.driven != 0
+
+    @cached_property
+    def is_uniform(self) -> bool:
+        """Whether its free motions have one unit, so that one spring can resist all of them."""
+        return len({k > 2 for k in self.free}) == 1
+
+    @cached_property
+    def is_ball(self) -> bool:
+        """Whether it rotates about any axis, along one geodesic and not in steps."""
+        return self.free == (3, 4, 5)
+
+    @cached_property
+    def is_steady(self) -> bool:
+        """Whether its free directions keep to the first body."""
+        return self.is_ball or not any(k > 2 for k in self.free)
+
+
+JOINT_TYPES = {
+    made.name: made
+    for made in (
+        JointType("fixed", "Holds all motions; its axes are the base axes.", (), 0),
+        JointType(
+            "revolute",
+            "Rotates about its axis; if not driven, a spring may resist, N·m/rad, unloaded at "
+            "`rest`, rad.",
+            (3,),
+            driven=3,
+            symbol="pin",
+        ),
+        JointType(
+            "prismatic",
+            "Slides along its axis; if not driven, a spring (N/m) may resist, unloaded at `rest` (m).",
+            (0,),
+            driven=0,
+            symbol="rail",
+        ),
+        JointType(
+            "cylindrical",
+            "Slides along its axis and rotates about it; a drive acts along the slide.",
+            (3, 0),
+            driven=0,
+            symbol="rail",
+        ),
+        JointType(
+            "universal",
+            "Rotates about `axis` of its first body and `axis2` of its second; a `spring` resists each.",
+            (3, 4),
+            needed_axes=2,
+            symbol="cross",
+        ),
+        JointType(
+            "spherical",
+            "Rotates about all axes, against a spring (N·m/rad); `axis` is axial for its bearing.",
+            (3, 4, 5),
+            needed_axes=0,
+            symbol="ball",
+        ),
+        JointType(
+            "planar",
+            "Slides in the plane normal to its axis and rotates about the axis.",
+            (1, 2, 3),
+            symbol="disc",
+        ),
+    )
 }
-"""Free components, among x y z rx ry rz in the joint's axes, by kind, in the order of its
-coordinates; all others are held. A universal joint's axes need not be perpendicular."""
-DRIVEN = {"revolute": 3, "prismatic": 0, "cylindrical": 0}
-"""Component along which a drive acts."""
-LED = ("revolute", "prismatic", "cylindrical")
-"""Kinds that guide a body about or along one axis."""
-ALIKE = (
-    "revolute",
-    "prismatic",
-    "universal",
-    "spherical",
-)  # free motions have one unit
+FREE = {name: made.free for name, made in JOINT_TYPES.items()}
+LED = tuple(name for name, made in JOINT_TYPES.items() if made.driven is not None)
+"""Types that guide a body about or along one axis."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,6 +238,19 @@ class Drive:
         law = self._find_law()
         return replace(self, law=Law(law.starts + 0.5 * backlash, law.slopes))
 
+    def bend_at(self, load: float, below: float, beyond: float) -> Drive:
+        """Return the drive with its stiffness multiplied by one factor up to a load and another beyond.
+
+        Raises InputError for a nonlinear drive.
+        """
+        if self.law is not None:
+            raise InputError(
+                "expected a linear drive, got one with a curve or backlash"
+            )
+        slopes = self.stiffness * np.array([below, beyond])
+        law = Law(np.array([0.0, load / slopes[0]]), slopes)
+        return replace(self, stiffness=float(slopes[0]), law=law)
+
     def add_compliance(self, compliance: float) -> Drive:
         """Add a compliance in series, which may be negative. Raises InputError if none is left."""
         law = self._find_law().add_compliance(compliance)
@@ -202,21 +289,20 @@ class Joint:
 
     def __post_init__(self) -> None:
         here = check_name("joints", self.name)
-        if self.kind not in FREE:
-            raise InputError(
-                f"{here}.type: expected one of {', '.join(FREE)}, got {self.kind!r}"
-            )
+        if self.kind not in JOINT_TYPES:
+            known = ", ".join(JOINT_TYPES)
+            raise InputError(f"{here}.type: expected one of {known}, got {self.kind!r}")
         assign(self, "at", check_vector(self.at, f"{here}.at", "a position in m"))
         for key in ("axis", "axis2"):
             if getattr(self, key) is not None:
                 assign(self, key, check_direction(getattr(self, key), f"{here}.{key}"))
-        if self.axis is None and self.kind not in {"fixed", "spherical"}:
+        if self.axis is None and self.type.needed_axes:
             raise InputError(
                 f"{here}.axis: expected the direction of a {self.kind} joint, got none"
             )
-        if self.kind == "universal" and self.axis2 is None:
+        if self.axis2 is None and self.type.needed_axes == 2:
             raise InputError(
-                f"{here}.axis2: expected the second of a universal joint, got none"
+                f"{here}.axis2: expected the second of a {self.kind} joint, got none"
             )
         self._check_drive(here)
         self._check_spring(here)
@@ -240,6 +326,16 @@ class Joint:
             self._check_kind(f"{here}.astray", LED)
         _ = self.axes
 
+    @property
+    def type(self) -> JointType:
+        """Facts of its kind."""
+        return JOINT_TYPES[self.kind]
+
+    @property
+    def turns(self) -> bool:
+        """Whether its drive or spring acts on rotations; else on translations."""
+        return self.type.turns
+
     def _check_kind(self, field: str, kinds: Iterable[str]) -> None:
         if self.kind not in kinds:
             known = ", ".join(kinds)
@@ -251,7 +347,7 @@ class Joint:
         drive = self.drive
         if drive is None:
             return
-        self._check_kind(f"{here}.drive", DRIVEN)
+        self._check_kind(f"{here}.drive", LED)
         _check_stiffness(f"{here}.drive.stiffness", drive.stiffness)
         if not drive.low < drive.high:
             got = [drive.low, drive.high]
@@ -264,13 +360,14 @@ class Joint:
             if self.rest:
                 raise InputError(f"{here}.rest: expected a spring beside it, got none")
             return
-        self._check_kind(f"{here}.spring", ALIKE)
+        uniform = [name for name, each in JOINT_TYPES.items() if each.is_uniform]
+        self._check_kind(f"{here}.spring", uniform)
         if self.drive is not None:
             raise InputError(
                 f"{here}.spring: expected a passive joint, got one with a drive"
             )
         _check_stiffness(f"{here}.spring", self.spring)
-        if not np.isfinite(self.rest) or (self.rest and self.kind not in DRIVEN):
+        if not np.isfinite(self.rest) or (self.rest and self.type.driven is None):
             expected = "a displacement of a revolute or prismatic joint"
             raise InputError(f"{here}.rest: expected {expected}, got {self.rest}")
 
@@ -286,11 +383,9 @@ class Joint:
     @cached_property
     def motions(self) -> tuple[tuple[str, Array], ...]:
         """Free motions: ``R`` or ``P`` with a direction (3,) in base axes at home, or ``S``."""
-        if self.kind == "spherical":
+        if self.type.is_ball:
             return (("S", np.zeros(3)),)
-        motions = [
-            ("R" if k > 2 else "P", self.axes[:, k % 3]) for k in FREE[self.kind]
-        ]
+        motions = [("R" if k > 2 else "P", self.axes[:, k % 3]) for k in self.type.free]
         if self.cross:
             motions[1] = ("R", self.cross[1])
         return tuple(motions)
@@ -298,14 +393,16 @@ class Joint:
     @cached_property
     def cross(self) -> tuple[Array, Array] | None:
         """Both axes (3,) of a universal joint, in base axes at home; None of another kind."""
-        if self.kind != "universal" or self.axis is None or self.axis2 is None:
+        if self.type.needed_axes < 2 or self.axis is None or self.axis2 is None:
             return None
         return self.axis, self.axis2
 
     @property
     def driven(self) -> int | None:
         """Index of the free motion along which the drive acts; None without a drive."""
-        return None if self.drive is None else FREE[self.kind].index(DRIVEN[self.kind])
+        if self.drive is None or self.type.driven is None:
+            return None
+        return self.type.free.index(self.type.driven)
 
     @property
     def resistance(self) -> float:
@@ -326,5 +423,5 @@ class Joint:
 
         A universal joint holds the rotation about the common normal of its axes.
         """
-        held = [k for k in range(6) if k not in FREE[self.kind]]
+        held = [k for k in range(6) if k not in self.type.free]
         return tuple(k for k in held if k < 3), tuple(k - 3 for k in held if k >= 3)

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from stiffscope.vjm.model.joints import DRIVEN
 from stiffscope.vjm.network.network import END
 from stiffscope.vjm.network.order import stack_rows
 
@@ -95,8 +94,8 @@ class ElementState:
         joint = self.element.joint
         if joint is None or joint.spring is None:
             return self.rates
-        if joint.kind in DRIVEN:
-            along = DRIVEN[joint.kind]
+        along = joint.type.driven
+        if along is not None:
             return self.wrench[:, along : along + 1] / joint.spring
         factor = self.where.factor(self.element)[..., -self.element.sprung :]
         return factor.mT @ self.wrench / np.sqrt(joint.spring)

@@ -15,7 +15,6 @@ import numpy as np
 
 from stiffscope.vjm.kinematics.linkage import rotation_vector
 from stiffscope.vjm.model.checks import BASE, GROUND, TOOL
-from stiffscope.vjm.model.joints import DRIVEN
 from stiffscope.vjm.model.screws import Frame, rotation, rotation_of, shift
 
 if TYPE_CHECKING:
@@ -34,11 +33,6 @@ if TYPE_CHECKING:
 FOOT = "<base>"  # node on the base
 END = "<tool>"  # node at M
 _NOTHING = np.zeros((1, 6, 0))
-_STEADY = (
-    "fixed",
-    "prismatic",
-    "spherical",
-)  # kinds whose free directions keep to the first body
 _SEVERAL = 5  # elements from which it is faster to find their adjoints at once
 
 
@@ -78,7 +72,7 @@ class Element:
     @property
     def is_ordered(self) -> bool:
         """Whether its rotations succeed each other; a ball joint rotates along one geodesic."""
-        return self.joint is None or self.joint.kind != "spherical"
+        return self.joint is None or not self.joint.type.is_ball
 
     @property
     def is_split(self) -> bool:
@@ -343,7 +337,7 @@ def _joint(joint: Joint, first: str, second: str) -> Element:
         screws = list(np.eye(6)[3:]) if kind == "S" else [screw]
         if not joint.resists(k):
             free += screws
-        elif joint.kind in DRIVEN:
+        elif joint.type.driven is not None:
             compliance += np.outer(screw, screw) / joint.resistance
         else:
             sprung += [each / np.sqrt(joint.resistance) for each in screws]
@@ -393,13 +387,9 @@ def _soften_turned(vector: Array) -> Array:
 def free_directions(element: Element, where: Places) -> Array:
     """Return free directions (n or 1, 6, k) in the element's axes."""
     joint = element.joint
-    if (
-        joint is None
-        or joint.kind in _STEADY
-        or (where.rigid and joint.kind != "universal")
-    ):
+    if joint is None or joint.type.is_steady or (where.rigid and not joint.cross):
         return element.free[None]
-    axis = joint.axis2 if joint.kind == "universal" else joint.axis
+    axis = joint.cross[1] if joint.cross else joint.axis
     turn = np.flatnonzero(
         element.free[3:].any(axis=0)
     )  # its axis is on the second body

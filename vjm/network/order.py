@@ -17,7 +17,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from stiffscope.vjm.model.checks import GROUND
-from stiffscope.vjm.model.joints import DRIVEN
 from stiffscope.vjm.model.screws import Frame
 from stiffscope.vjm.model.semidefinite import (
     inverse,
@@ -290,7 +289,8 @@ class _Planner:
             own = self.links[c.anchor]
             apart = [e for e, _ in c.members if self.links[e.carrier] != own]
             still = all(
-                e.joint and e.joint.kind in DRIVEN and not e.factor.size for e in apart
+                e.joint and e.joint.type.driven is not None and not e.factor.size
+                for e in apart
             )
             columns = frame.inverse_adjoint() @ stack_columns([factor, free])
             k = frame.adjoint().mT @ k @ frame.adjoint()

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.vjm.kinematics.linkage import find_free_coordinates
-from stiffscope.vjm.model.joints import DRIVEN
 from stiffscope.vjm.network.network import euler_angles, euler_axes
 
 if TYPE_CHECKING:
@@ -81,14 +80,16 @@ def _strain(e: Element, where: Places, rest: Places) -> Array:
         out[:, 5] = turn[:, 1, 0]
     elif turns:
         out[:, 3:] = euler_angles(turn)
-    if joint.resistance and joint.kind in DRIVEN:
+    if joint.resistance and joint.type.driven is not None:
         before, turned = _relative(e, rest, e.drawn)
-        if joint.kind == "revolute":
+        if joint.turns:
             out[:, 3] = euler_angles(turn @ turned.mT)[:, 0]
         else:
             out[:, 0] = gap[:, 0] - before[:, 0]
     if joint.spring is not None:
-        out = out + _strain_spring(e, joint, rest if joint.kind in DRIVEN else where)
+        out = out + _strain_spring(
+            e, joint, where if joint.type.driven is None else rest
+        )
     return out
 
 
@@ -100,13 +101,13 @@ def _strain_spring(e: Element, joint: Joint, where: Places) -> Array:
     )[..., 0]
     away = find_free_coordinates(joint, where.turn(e, np.eye(3)), gap) - joint.rest
     out = np.zeros((len(away), 6))
-    if joint.kind == "spherical":
+    if joint.type.is_ball:
         out[:, 3:] = away @ e.axes
     elif joint.cross:
         columns = where.factor(e)[:, 3:, -e.sprung :] * np.sqrt(joint.resistance)
         out[:, 3:] = (columns @ away[..., None])[..., 0]
     else:
-        out[:, DRIVEN[joint.kind]] = away[:, 0]
+        out[:, joint.type.driven] = away[:, 0]
     return out
 
 

@@ -14,7 +14,6 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.vjm.elements.laws import find_laws, linearize, settle, without_laws
 from stiffscope.vjm.model.checks import GROUND
-from stiffscope.vjm.model.joints import DRIVEN
 from stiffscope.vjm.model.semidefinite import pivot
 from stiffscope.vjm.network.condensation import (
     InfiniteStiffnessError,
@@ -108,7 +107,7 @@ def find_equilibrium(order: Order, where: Places, loads: Loads) -> Response:
     c = loads.cases
     nodes = {name: _pad(w, count) for name, w in loads.nodes.items()}
     offsets = {name: _pad(t, count) for name, t in loads.offsets.items()}
-    along = {name: DRIVEN[order.mechanism.joint(name).kind] for name in laws}
+    along = {name: order.mechanism.joint(name).type.driven for name in laws}
     for k, (name, component) in enumerate(along.items()):
         unit = np.zeros((1, 6, c + count))
         unit[0, component, c + k] = 1.0

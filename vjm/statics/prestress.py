@@ -50,6 +50,8 @@ if TYPE_CHECKING:
     from stiffscope.vjm.network.network import Element
     from stiffscope.vjm.network.order import Order
 
+    Push = Callable[[Places, NDArray[np.bool_]], dict[str, Array]]
+
 _SMALL = (
     1e-4  # rad or relative length: displacement beyond which equilibrium is refined
 )
@@ -99,8 +101,13 @@ class Bent:
     found: NDArray[np.bool_]
 
 
-def bend_network(order: Order, where: Places, small: float = _SMALL) -> Bent:
-    """Equilibrium under own weight and offsets: a linear step, and more where displacements are not ``small``.
+def bend_network(
+    order: Order,
+    where: Places,
+    small: float = _SMALL,
+    push: Push | None = None,
+) -> Bent:
+    """Equilibrium under dead loads and offsets: a linear step, and more where displacements are not ``small``.
 
     Parameters
     ----------
@@ -110,10 +117,16 @@ def bend_network(order: Order, where: Places, small: float = _SMALL) -> Bent:
         Places of all nodes at n configurations.
     small
         Rad, or of the mechanism's length, up to which one step is enough; smaller costs more steps.
+    push
+        Function of the places of some configurations and their flags (n,) that returns
+        wrenches (m, 6, 1) on nodes at M, base axes; default: own weight.
     """
     n = len(where.tool)
+    push = push or (lambda there, _: _find_weights(order, there))
     uncached = replace(where)  # what it caches is not kept
-    moved = solve_loads(order, uncached, own_loads(order, where), "nodes")
+    every = np.ones(n, dtype=np.bool_)
+    first = Loads(1, push(where, every), find_offsets(order, where))
+    moved = solve_loads(order, uncached, first, "nodes")
     there = bend_places(where, moved)
     size = _find_size(moved, order.length)
     far = size > small
@@ -122,9 +135,9 @@ def bend_network(order: Order, where: Places, small: float = _SMALL) -> Bent:
         bent = there.some(far)
         left = size[far]
         for _ in range(_STEPS):
-            step = solve_loads(
-                order, bent, _remaining_loads(order, bent, rest), "nodes"
-            )
+            lack = find_remaining_offsets(order, bent, rest)
+            remaining = Loads(1, push(bent, far), lack, balanced=HELD)
+            step = solve_loads(order, bent, remaining, "nodes")
             bent = bend_places(bent, step)
             last = left
             left = _find_size(step, order.length)

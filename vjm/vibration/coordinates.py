@@ -205,7 +205,7 @@ def form_coordinates(
             else:
                 out.strains[e.name] = [Rows(strain.columns[:r], np.eye(r)[None])]
         if e.joint is not None and e.name in drives:
-            k = r + (1 if e.joint.kind == "cylindrical" else 0)  # rotations come first
+            k = r + (e.joint.driven or 0)
             out.rates.append(
                 Rows(own[e.name].columns, own[e.name].matrix[:, k : k + 1])
             )

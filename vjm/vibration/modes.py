@@ -169,6 +169,36 @@ def frequencies(
     return out
 
 
+def strain_products(
+    mechanism: Mechanism, poses: Poses, count: int = 6, *, drives: Drives = "held"
+) -> dict[str, Array]:
+    """Return ``E_kl = φ_kᵀ K_e φ_l`` (n, c, c) of each element e in the modes of `modes`, (rad/s)².
+
+    They sum up to ω_k² on the diagonal, and tell how a mode's shape and frequency change with the
+    stiffness of an element; NaN where there is no mode.
+
+    Parameters
+    ----------
+    mechanism, poses, count, drives
+        As for ``modes``.
+
+    References
+    ----------
+    R. L. Fox, M. P. Kapoor, Rates of change of eigenvalues and eigenvectors, AIAA Journal 6, 1968.
+    """
+    found = _configure(mechanism, poses, count)
+    out: dict[str, Array] = {}
+    for part, some in _solve_chunks(mechanism, found, count, drives, {}):
+        c = part.squares.shape[1]
+        for name, rows in part.pencil.system.strains.items():
+            whole = out.setdefault(name, np.full((len(found), count, count), np.nan))
+            strains = [row.apply_to(part.vectors) for row in rows]
+            whole[some, :c, :c] = sum(
+                (strain.mT @ strain for strain in strains), np.zeros((1, c, c))
+            )
+    return out
+
+
 def _configure(mechanism: Mechanism, poses: Poses, count: object) -> Configurations:
     if not (isinstance(count, int | np.integer) and count >= 1):
         raise InputError(

@@ -21,6 +21,7 @@ from stiffscope.report.figures import (
 from stiffscope.report.numbers import choose_unit
 from stiffscope.report.page import Chart, Section, Series
 from stiffscope.report.terminal import Shown, show_line, show_table
+from stiffscope.runtime.formats import TABLE_FORMATS, write_table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -46,10 +47,8 @@ CAPTIONS = {
 
 
 def write_study(study: Study, folder: Path) -> None:
-    """Write the table (CSV, Parquet) and the pictures."""
-    table = study.table
-    table.to_csv(folder / f"{TABLE}.csv", index=False)
-    table.to_parquet(folder / f"{TABLE}.parquet", index=False)
+    """Write the table in every format, and the pictures."""
+    write_table(dict(study.table.items()), folder / TABLE, TABLE_FORMATS)
     figures = {"pareto": _front, "progress": _progress, "parallel": _parallel}
     save_figures(folder, {stem: partial(draw, study) for stem, draw in figures.items()})
 
@@ -68,7 +67,9 @@ def write_study_page(study: Study, report: Draft) -> None:
         "files in SI units",
     ]
     sections = [
-        Section("Designs", report.shown, files=(f"{TABLE}.csv", f"{TABLE}.parquet")),
+        Section(
+            "Designs", report.shown, files=[TABLE + suffix for suffix in TABLE_FORMATS]
+        ),
         Section(
             "Every design",
             [_list_designs(study)],

@@ -8,8 +8,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.gap.campaign import quantities as of
-from stiffscope.gap.campaign.quantities import AXES, DEVIATION, kind_of
+from stiffscope.gap.campaign.kinds import (
+    CHANNEL_OF,
+    DIRECTION_OF,
+    INSTRUMENTS,
+    NOISE_GROUP_OF,
+    QUANTITY,
+    UNIT_OF,
+    by_code,
+)
+from stiffscope.gap.campaign.quantities import AXES, kind_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -19,6 +27,14 @@ if TYPE_CHECKING:
 
 
 _CODES = ("quantity", "session", "file", "line", "sensor", "load")
+_IS_RELATIVE = by_code(lambda kind: kind.is_relative)
+_IS_MOTION = by_code(lambda kind: kind.is_motion)
+_IS_DISPLACEMENT = by_code(lambda kind: kind.is_displacement)
+_IS_DIFFERENCE = by_code(lambda kind: kind.is_difference)
+_IS_ABSOLUTE = by_code(lambda kind: kind.is_absolute)
+_SHOWS_REST = by_code(lambda kind: kind.shows_rest)
+_IS_LOADED = by_code(lambda kind: kind.wrench == "applied")
+_AT_AXES = by_code(lambda kind: not kind.instrument)
 AT_TOOL = -1
 """Code for no sensor (a quantity at M), and for no load point (a wrench at M)."""
 
@@ -104,7 +120,9 @@ class Campaign:
 
     robot: str | None
     """Name of a bundled robot, or path of a robot file as written; None with predictions."""
-    modelled: tuple[str, ...]
+    modelled: tuple[str, ...] | None
+    """Effects that the nominal model carries; None: own weight where the robot has it,
+    until the robot is known (`match_robot`)."""
     components: str | None
     """Source of the matrices of rods and plates; None: as in the robot file."""
     pose_names: tuple[str, ...]
@@ -115,7 +133,7 @@ class Campaign:
     wrench: Array
     """Stated wrench (n, 6) at M or a load's point, 0 if unloaded; NaN for stiffness, frequency."""
     quantity: Indices
-    """Index (n,) into `QUANTITIES`; for sensors that of their kind and nearest axis."""
+    """Code (n,) of the quantity (`kinds.QUANTITY`); for sensors that of their kind and nearest axis."""
     value: Array
     sigma: Array
     """Standard uncertainty (n,); NaN if unknown."""
@@ -170,6 +188,11 @@ class Campaign:
         """Return the number of readings."""
         return len(self.value)
 
+    @property
+    def is_weighed(self) -> bool:
+        """Whether the nominal model carries the robot's own weight."""
+        return "gravity" in (self.modelled or ())
+
     def select(self, rows: Indices) -> Campaign:
         """Return the campaign with some of its readings (r,)."""
         each = ("pose", *_CODES, "wrench", "value", "sigma")
@@ -185,36 +208,70 @@ class Campaign:
 
     @property
     def direction(self) -> Indices:
-        """Index (n,) into x y z rx ry rz, the nearest for sensors; 0 for frequencies."""
-        return np.where(self.kind == of.FREQUENCY, 0, self.quantity % 6)
+        """Index (n,) into x y z rx ry rz, the nearest for sensors; 0 if they have none."""
+        return DIRECTION_OF[self.quantity]
 
     @property
     def relative(self) -> Flags:
         """Flags (n,) of readings with relative errors: stiffnesses, pushes and frequencies."""
-        return (self.kind >= of.STIFFNESS) & (self.kind < of.POSITION)
+        return _IS_RELATIVE[self.quantity]
 
     @property
     def is_motion(self) -> Flags:
         """Flags (n,) of readings of motions: deflections, deviations and positions."""
-        return (self.kind <= DEVIATION) | (self.kind == of.POSITION)
+        return _IS_MOTION[self.quantity]
+
+    @property
+    def is_displacement(self) -> Flags:
+        """Flags (n,) of displacements read by gauges: deflections and deviations."""
+        return _IS_DISPLACEMENT[self.quantity]
+
+    @property
+    def is_difference(self) -> Flags:
+        """Flags (n,) of differences that an applied wrench alone makes: deflections."""
+        return _IS_DIFFERENCE[self.quantity]
+
+    @property
+    def is_absolute(self) -> Flags:
+        """Flags (n,) of places of targets in an instrument's frame: positions, distances."""
+        return _IS_ABSOLUTE[self.quantity]
+
+    @property
+    def is_loaded(self) -> Flags:
+        """Flags (n,) of readings under their applied wrench: deflections and positions."""
+        return _IS_LOADED[self.quantity]
+
+    @property
+    def at_tool(self) -> Flags:
+        """Flags (n,) of readings of motions or stiffnesses at M."""
+        return (self.sensor < 0) & _AT_AXES[self.quantity]
 
     @property
     def shows_rest(self) -> Flags:
         """Flags (n,) of readings that show weight and geometric errors: deviations, positions."""
-        return (self.kind == DEVIATION) | (self.kind == of.POSITION)
+        return _SHOWS_REST[self.quantity]
 
     @property
     def kind_numbers(self) -> Indices:
         """Group numbers (n,) of readings of the same kind and instrument."""
-        plain = 2 * self.kind + self.direction // 3  # the direction of frequencies is 0
-        key = np.where(self.sensor >= 0, 10 + 2 * self.sensor + self.shows_rest, plain)
+        group = NOISE_GROUP_OF[self.quantity]
+        turns = self.direction >= 3  # never where there is no direction
+        count = int(NOISE_GROUP_OF.max()) + 1
+        plain = 2 * group + turns
+        by_sensor = count * (2 + self.sensor) + group
+        key = np.where(self.sensor >= 0, by_sensor, plain)
         return np.unique(key, return_inverse=True)[1].ravel()
+
+    @property
+    def unit_numbers(self) -> Indices:
+        """Numbers (n,) of the units of errors: m, rad, ..., and one of all relative ones."""
+        return UNIT_OF[self.quantity]
 
     def what(self, reading: int) -> str:
         """Return the name of a reading's sensor or quantity, as in the file."""
         if self.sensor[reading] >= 0:
             return self.sensors[int(self.sensor[reading])].name
-        return of.QUANTITIES[int(self.quantity[reading])]
+        return QUANTITY[int(self.quantity[reading])].name
 
     def refuse(self, key: tuple[str, ...], message: str) -> InputError:
         """Return an error for a key of the campaign.toml."""
@@ -229,12 +286,10 @@ class Campaign:
     @property
     def instruments(self) -> tuple[str, ...]:
         """Names of instruments by `channel`: sensors, axes at M, and frequencies."""
-        return (*(sensor.name for sensor in self.sensors), *AXES, "f")
+        return (*(sensor.name for sensor in self.sensors), *AXES, *INSTRUMENTS)
 
     @property
     def channel(self) -> Indices:
         """Index (n,) into `instruments`."""
-        at_tool = len(self.sensors) + np.where(
-            self.kind == of.FREQUENCY, len(AXES), self.direction
-        )
+        at_tool = len(self.sensors) + CHANNEL_OF[self.quantity]
         return np.where(self.sensor >= 0, self.sensor, at_tool)

@@ -67,7 +67,8 @@ class Header:
     """Contents of a campaign.toml."""
 
     robot: str | None
-    modelled: tuple[str, ...]
+    modelled: tuple[str, ...] | None
+    """Effects that the nominal model carries; None: own weight where the robot has it."""
     components: str | None
     """Source of the matrices of rods and plates; None: as in the robot file."""
     readings: tuple[str, ...]
@@ -95,11 +96,11 @@ def load_header(folder: Path) -> Header:
     if (robot is None) == (predictions is None):
         key = "predictions" if robot else "robot"
         raise top.refuse(key, "expected either robot or predictions, one of the two")
-    modelled = top.texts("modelled", ())
+    modelled = top.texts("modelled", ()) if "modelled" in top.data else None
     strange = [
         name
-        for k, name in enumerate(modelled)
-        if name not in EFFECTS or name in modelled[:k]
+        for k, name in enumerate(modelled or ())
+        if name not in EFFECTS or name in (modelled or ())[:k]
     ]
     if strange:
         message = f"expected effects among {', '.join(EFFECTS)}, each once, got {show_value(strange[0])}"

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import DEFLECTION, PUSH, STIFFNESS, WRENCH
+from stiffscope.gap.campaign.quantities import PUSH, STIFFNESS, WRENCH
 from stiffscope.gap.campaign.sanity import SHOWN, ReadingRemark
 
 if TYPE_CHECKING:
@@ -66,7 +66,7 @@ def inspect_extremes(
 def find_unloaded(c: Campaign) -> Flags:
     """Return flags (n,) of deflections beyond their noise and a known zero, under no force or moment."""
     zeroed = np.array([s.zero == "session" for s in c.sensors] + [False])[c.sensor]
-    still = (c.kind == DEFLECTION) & ~np.nan_to_num(c.wrench).any(axis=1) & ~zeroed
+    still = c.is_difference & ~np.nan_to_num(c.wrench).any(axis=1) & ~zeroed
     return still & (np.abs(c.value) > _SURE * np.nan_to_num(c.sigma))
 
 

@@ -9,13 +9,23 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign import quantities as of
+from stiffscope.gap.campaign.kinds import (
+    CODE_ALONG,
+    DIRECTION_OF,
+    KIND_OF,
+    KINDS,
+    NAMED,
+    by_code,
+    number_of,
+)
 from stiffscope.gap.campaign.quantities import (
     AXES,
     DEFLECTION,
     DEVIATION,
-    KINDS,
+    POSITION,
     WRENCH,
     kind_of,
+    names_of,
 )
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.quantities import Dimension, show_value, to_si
@@ -25,34 +35,27 @@ if TYPE_CHECKING:
     from collections.abc import Collection
 
     from stiffscope.gap.campaign.campaign_header import Header
+    from stiffscope.gap.campaign.kinds.kind import Kind
     from stiffscope.runtime.table import Table
     from stiffscope.runtime.types import Array, Indices
 
 OPTIONAL = ("session", "sensor", "quantity", "load", "kind")
 LABEL = ("pose",)
 """Coordinates of named poses."""
-_SHOWN_QUANTITIES = " ".join(
-    (*of.QUANTITIES[: of.FIRST_FREQUENCY + 1], "...", of.FREQUENCIES[-1])
-)
+_MOST_SHOWN = 6  # quantities of a kind in a message; of more, the first and the last
 
 
-# `least` is the smallest standard uncertainty of any instrument.
-MOVED = Dimension("a displacement", "m", "um", 1e-14, 10.0)
-_TURNED = Dimension("a rotation", "rad", "urad", 1e-14, 10)
-_STIFF = (
-    Dimension("a stiffness", "N/m", "N/um", 1e-6, 1e18),
-    Dimension("a rotational stiffness", "N*m/rad", "N*m/mrad", 1e-6, 1e18),
-)
-_OFTEN = Dimension("a frequency", "Hz", "Hz", 1e-9, 1e12)
-_THERE = Dimension("a position", "m", "mm", 1e-14, q.LENGTH.most)
-_MEASURED = {  # by kind: translation, rotation
-    DEFLECTION: (MOVED, _TURNED),
-    DEVIATION: (MOVED, _TURNED),
-    of.STIFFNESS: _STIFF,
-    of.PUSH: _STIFF,
-    of.FREQUENCY: (_OFTEN, _OFTEN),
-    of.POSITION: (_THERE, _THERE),
-}
+def _show_quantities(kind: Kind) -> tuple[str, ...]:
+    names = names_of(kind)
+    return names if len(names) <= _MOST_SHOWN else (names[0], "...", names[-1])
+
+
+_SHOWN_QUANTITIES = " ".join(name for kind in KINDS for name in _show_quantities(kind))
+_BY_COLUMN = [kind for kind in KINDS if kind.by_column]
+_IS_APPLIED = by_code(lambda kind: kind.wrench == "applied")
+_IS_ZERO = by_code(lambda kind: kind.wrench == "zero")
+_HAS_NONE = by_code(lambda kind: kind.wrench == "none")
+_IS_DIFFERENCE = by_code(lambda kind: kind.is_difference)
 _PLACE = Dimension("a length", "m", "mm", most=q.LENGTH.most)
 _TURN = Dimension("an angle", "rad", "deg", most=1e4)
 _WRENCH = (
@@ -192,18 +195,22 @@ def _read_measured(
     absolute = (
         np.array([s.absolute for s in header.sensors] or [False])[every] & by_sensor
     )
-    kind = table.codes("kind", KINDS[:2], "deflection or deviation")
-    wrong = (kind >= 0) & at_tool & (kind != quantity // 6)
+    kinds = [each.name for each in _BY_COLUMN]
+    kind = table.codes("kind", kinds, " or ".join(kinds))
+    quantity = np.where(at_tool, NAMED[quantity], quantity)
+    stated = np.array([number_of(each) for each in _BY_COLUMN])[kind]
+    wrong = (kind >= 0) & at_tool & (stated != KIND_OF[quantity])
     table.refuse_where(
         wrong, "kind", "an empty cell beside a quantity, which says its kind"
     )
     message = "an empty cell beside a position or a distance, which is what it is"
     table.refuse_where((kind >= 0) & absolute, "kind", message)
     loaded = (np.nan_to_num(applied) != 0.0).any(axis=1)
-    kind = np.where(kind >= 0, kind, np.where(loaded, DEFLECTION, DEVIATION))
+    usual = np.where(loaded, DEFLECTION, DEVIATION)
+    kind = np.where(kind >= 0, stated, usual)
+    kind = np.where(absolute, POSITION, kind)
     axis = np.array([s.axis for s in header.sensors] or [0])[every]
-    seen = np.where(absolute, of.FIRST_POSITION + axis, 6 * kind + axis)
-    return np.where(by_sensor, seen, quantity), sensor
+    return np.where(by_sensor, CODE_ALONG[kind, axis], quantity), sensor
 
 
 def _check_wrench(
@@ -212,28 +219,26 @@ def _check_wrench(
     """Return wrenches (n, 6): NaN for stiffnesses and frequencies, zero if nothing is applied."""
     kind = kind_of(quantity)
     nothing = (np.nan_to_num(applied) == 0.0).all(axis=1)
-    at_tool = (kind == DEFLECTION) & (sensor < 0)
+    at_tool = _IS_DIFFERENCE[quantity] & (sensor < 0)
     if not any(name in table.columns for name in WRENCH):
         table.refuse_where(
             at_tool, "fx", "a wrench for a deflection (columns fx fy fz mx my mz)"
         )
-    stiff = (kind >= of.STIFFNESS) & (kind <= of.FREQUENCY)
+    stiff = _HAS_NONE[quantity]
     for k, name in enumerate(WRENCH):
         if name in table.columns:
             empty = np.isnan(applied[:, k])
             message = "a finite number: a deflection needs its wrench"
             table.refuse_where(at_tool & nothing & empty, name, message)
             row = int(np.argmax(stiff & ~empty))  # the first wrong one, if any
-            which = KINDS[int(kind[row])].replace("push", "stiffness")
+            which = KINDS[int(kind[row])].called
             message = f"an empty cell: a {which} reading has no wrench"
             table.refuse_where(stiff & ~empty, name, message)
-            moved = (kind == DEVIATION) & ~empty & (applied[:, k] != 0)
+            moved = _IS_ZERO[quantity] & ~empty & (applied[:, k] != 0)
             table.refuse_where(
                 moved, name, "0: a deviation is read on the unloaded platform"
             )
-    loaded = (
-        (kind == DEFLECTION) | (kind == of.POSITION) | ((kind == DEVIATION) & nothing)
-    )
+    loaded = _IS_APPLIED[quantity] | (_IS_ZERO[quantity] & nothing)
     table.refuse_where(
         (load >= 0) & ~loaded, "load", "an empty cell: only a deflection has a load"
     )
@@ -337,10 +342,10 @@ def readings_in_si(
     unit = header.units.get(unit_of)
     out = np.array(values)
     kinds = kind_of(quantity)
-    turns = quantity % 6 // 3
+    turns = DIRECTION_OF[quantity] // 3
     for kind, turn in {(int(k), int(t)) for k, t in zip(kinds, turns, strict=True)}:
         mine = (kinds == kind) & (turns == turn)
-        dimension = _MEASURED[kind][turn]
+        dimension = KINDS[kind].dimensions[turn]
         try:
             with np.errstate(over="ignore"):  # overflow is refused below
                 out[mine] *= to_si(f"1 {unit}", dimension) if unit else 1.0
@@ -369,7 +374,7 @@ def _check_most(table: Table, column: str, values: Array, dimension: Dimension) 
 
 def _check_unit(header: Header, unit: str, column: str) -> None:
     for dimension in (
-        *(each for pair in _MEASURED.values() for each in pair),
+        *(each for kind in KINDS for each in kind.dimensions),
         q.NUMBER,
     ):
         try:

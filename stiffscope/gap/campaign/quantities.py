@@ -4,40 +4,39 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-import numpy as np
-
+from stiffscope.gap.campaign import kinds
 from stiffscope.robot.file.quantities import shown_unit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from stiffscope.gap.campaign.kinds.kind import Kind
     from stiffscope.runtime.types import Indices
 
-
-AXES = ("x", "y", "z", "rx", "ry", "rz")
+AXES = kinds.AXES
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
-DEFLECTIONS = tuple(f"d{axis}" for axis in AXES)
-DEVIATIONS = tuple(f"e{axis}" for axis in AXES)
-STIFFNESSES = tuple(f"k{axis}" for axis in AXES)
-PUSHES = tuple(f"p{axis}" for axis in AXES)
-MOST_MODES = 30
-FREQUENCIES = tuple(f"f{k + 1}" for k in range(MOST_MODES))
-QUANTITIES = DEFLECTIONS + DEVIATIONS + STIFFNESSES + PUSHES + FREQUENCIES
-"""A quantity's code is its index here, from which follow `kind_of` and the direction, code % 6."""
-DEFLECTION, DEVIATION, STIFFNESS, PUSH, FREQUENCY, POSITION = range(6)
-KINDS = ("deflection", "deviation", "stiffness", "push", "frequency", "position")
 JOINT = "q:"
 """Prefix of coordinates that are displacements of driven joints from home."""
-FIRST_FREQUENCY = QUANTITIES.index("f1")
-FIRST_POSITION = len(QUANTITIES)
+QUANTITIES = tuple(kinds.QUANTITY[code].name for code in kinds.NAMED.tolist())
+"""Names of the quantities as in tables, in the order of their codes."""
+KINDS = tuple(kind.name for kind in kinds.KINDS)
+DEFLECTION = kinds.number_of(kinds.DEFLECTION)
+DEVIATION = kinds.number_of(kinds.DEVIATION)
+STIFFNESS = kinds.number_of(kinds.STIFFNESS)
+PUSH = kinds.number_of(kinds.PUSH)
+POSITION = kinds.number_of(kinds.POSITION)
+FIRST_POSITION = int(kinds.CODE_ALONG[POSITION, 0])
 """Code of a position along x in an instrument's frame, or a distance; only sensors have it."""
+
+
+def names_of(kind: Kind) -> tuple[str, ...]:
+    """Return the names of a kind's quantities as in tables; none if only sensors read it."""
+    return tuple(quantity.name for quantity in kind.quantities if quantity.name)
 
 
 def kind_of(quantity: Indices) -> Indices:
     """Return the indices (n,) into `KINDS` for quantity codes (n,)."""
-    return np.where(
-        quantity >= FIRST_POSITION, POSITION, np.minimum(quantity // 6, FREQUENCY)
-    )
+    return kinds.KIND_OF[quantity]
 
 
 def label_pose(coordinates: Sequence[str], pose: Sequence[float]) -> str:

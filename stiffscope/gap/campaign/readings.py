@@ -17,11 +17,12 @@ from stiffscope.gap.campaign.campaign import Campaign
 from stiffscope.gap.campaign.campaign_header import load_header
 from stiffscope.gap.campaign.keys import (
     LABEL,
-    MOVED,
     OPTIONAL,
     coordinates_of,
     readings_in_si,
 )
+from stiffscope.gap.campaign.kinds import KINDS, by_code
+from stiffscope.gap.campaign.kinds.motions import MOVED
 from stiffscope.gap.campaign.quantities import AXES, WRENCH, kind_of, label_pose
 from stiffscope.robot.file.description import GROUND
 from stiffscope.robot.file.quantities import show_value, to_si
@@ -153,7 +154,7 @@ def _check_files(folder: Path, header: Header) -> None:
 
 def _check_some(c: Campaign) -> None:
     """Raise InputError if all readings are zero (no gap in percent), or no deflection is loaded."""
-    moved = c.kind == of.DEFLECTION
+    moved = c.is_difference
     if c.robot is not None and moved.any() and not c.wrench[moved].any():
         where = c.where(int(np.argmax(moved)))
         got = f"none in {int(moved.sum()):,} deflections"
@@ -182,11 +183,10 @@ def _read_readings(
     value = numbers(table, "value", empty=planned, expected="a finite reading in SI")
     value = readings_in_si(table, header, "value", value, keys.quantity)
     kind = kind_of(keys.quantity)
-    stiff = (kind >= of.STIFFNESS) & (kind < of.FREQUENCY)
-    table.refuse_where(stiff & (value <= 0), "value", "a positive stiffness")
-    table.refuse_where(
-        (kind == of.FREQUENCY) & (value <= 0), "value", "a positive frequency"
-    )
+    for called in dict.fromkeys(each.called for each in KINDS if each.is_positive):
+        alike = by_code(lambda each, called=called: each.called == called)
+        wrong = alike[keys.quantity] & (value <= 0)
+        table.refuse_where(wrong, "value", f"a positive {called}")
     lengths = np.array(
         [s.measures == "distance" and s.zero == "none" for s in header.sensors]
         + [False]
@@ -289,6 +289,7 @@ def match_robot(campaign: Campaign, robot: RobotFile) -> Campaign:
         and loads that are not on its bodies.
     """
     _check_bodies(campaign, robot)
+    campaign = _state_weight(campaign, robot)
     if len(campaign.poses) > MOST_POSES:
         where = campaign.where(int(np.argmax(campaign.pose >= MOST_POSES)))
         most = f"expected at most {MOST_POSES:,} different poses"
@@ -311,6 +312,13 @@ def match_robot(campaign: Campaign, robot: RobotFile) -> Campaign:
             raise InputError(f"{where}: pose: expected one of {known}, got {name!r}")
     poses = np.array([robot.poses[name] for name in campaign.pose_names])
     return replace(campaign, poses=poses, coordinates=tuple(robot.tool.pose))
+
+
+def _state_weight(campaign: Campaign, robot: RobotFile) -> Campaign:
+    """Return the campaign with what the nominal model carries: weight acts on every machine."""
+    if campaign.modelled is not None:
+        return campaign
+    return replace(campaign, modelled=("gravity",) if robot.gravity else ())
 
 
 def _order_columns(campaign: Campaign, robot: RobotFile) -> Campaign:

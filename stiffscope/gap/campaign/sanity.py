@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.gap.campaign import quantities as of
-from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION, FREQUENCY, KINDS
+from stiffscope.gap.campaign.kinds import KINDS
 from stiffscope.gap.effects.effect import Doubts
 from stiffscope.gap.effects.instruments import INSTRUMENT, ROTATION, TRANSLATION
 from stiffscope.vjm.kinematics.configurations import limit_drives
@@ -20,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
     from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.gap.campaign.kinds.kind import Kind
     from stiffscope.gap.effects.effect import Row
     from stiffscope.runtime.types import Array, Flags, Indices
     from stiffscope.vjm.kinematics.configurations import Configurations
@@ -119,7 +119,16 @@ def _channels(c: Campaign, least: int = LEAST) -> Iterator[tuple[str, Indices]]:
     for channel, kind in np.unique(key, axis=0).tolist():
         rows = np.flatnonzero((key == (channel, kind)).all(axis=1) & ~np.isnan(c.value))
         if len(rows) >= least:
-            yield c.what(int(rows[0])) if kind != FREQUENCY else "frequencies", rows
+            yield _name_channel(c, int(rows[0])), rows
+
+
+def _name_channel(c: Campaign, row: int) -> str:
+    kind = _kind_of(c, row)
+    return kind.plural if kind.instrument else c.what(row)
+
+
+def _kind_of(c: Campaign, row: int) -> Kind:
+    return KINDS[int(c.kind[row])]
 
 
 def _inspect_loads(c: Campaign) -> Iterator[ReadingRemark]:
@@ -146,7 +155,7 @@ def _find_far(c: Campaign, predicted: Array) -> Iterator[ReadingRemark]:
             float(np.nan_to_num(model).max()),
         )
         far = size > _FAR * usual
-        if int(c.kind[rows[0]]) in (DEFLECTION, DEVIATION) and usual and far.any():
+        if c.is_displacement[rows[0]] and usual and far.any():
             yield _name_rows(c, name, rows[far])
 
 
@@ -181,22 +190,21 @@ def _find_contradictions(c: Campaign) -> Iterator[ReadingRemark]:
 def _inspect_channel(
     c: Campaign, predicted: Array, name: str, rows: Indices, look: _Look | None
 ) -> Iterator[ReadingRemark]:
-    kind = int(c.kind[rows[0]])
+    kind = _kind_of(c, int(rows[0]))
     value = c.value[rows]
     model = predicted[rows]
     known = bool(np.isfinite(model).all())
     varies = not known or np.ptp(model) > _SIZED * np.abs(model).max()
-    if not np.ptp(value) and varies and kind != FREQUENCY:
-        text = (
-            f"{name} reads {value[0]:g} in all {len(rows)} {KINDS[kind]}s: is it stuck?"
-        )
+    if not np.ptp(value) and varies and not kind.is_steady:
+        read = f"{name} reads {value[0]:g} in all {len(rows)} {kind.name}s"
+        text = f"{read}: is it stuck?"
         yield ReadingRemark("constant", name, (c.where(int(rows[0])),), text)
         return
     if not known or not model.any():
         return
     if look is not None:
         yield from _compare(c, name, rows, look)
-    if kind in (DEFLECTION, DEVIATION, of.POSITION):
+    if not kind.is_positive:
         yield from _find_breaks(c, name, rows, _columns(c, rows, model))
     elif (model > 0).all():
         yield from _name_outliers(c, name, rows, _centre(np.log(value / model)))
@@ -227,7 +235,7 @@ def _look_at_all(
         model = predicted[rows]
         channel = int(c.channel[rows[0]])
         look = _look_at(c, rows, value, model) if _is_comparable(value, model) else None
-        if look is not None and look.sign and int(c.kind[rows[0]]) == DEFLECTION:
+        if look is not None and look.sign and c.is_difference[rows[0]]:
             signed.add(channel)
         elif look is not None and channel in signed:
             look = replace(look, sign=0.0)
@@ -244,8 +252,8 @@ def _look_at(c: Campaign, rows: Indices, value: Array, model: Array) -> _Look | 
 
     They must vary as much: geometric errors may exceed the weight's effect and resemble it.
     """
-    kind = int(c.kind[rows[0]])
-    if kind in (DEVIATION, of.POSITION):
+    kind = _kind_of(c, int(rows[0]))
+    if kind.shows_rest:
         value = value - np.median(value)
         model = model - np.median(model)
     sized = np.abs(model) > _SIZED * np.abs(model).max()
@@ -257,17 +265,17 @@ def _look_at(c: Campaign, rows: Indices, value: Array, model: Array) -> _Look | 
     same = 1.0 / _SAME < ratio < _SAME
     size = float(np.linalg.norm(value) * np.linalg.norm(model))
     varies = len(value) >= 2 * LEAST and abs(float(value @ model)) > _AGREE * size
-    alike = abs(agree) > _AGREE and (kind == DEFLECTION or (same and varies))
+    alike = abs(agree) > _AGREE and (kind.is_difference or (same and varies))
     factor = np.nan
-    if (kind >= of.STIFFNESS or alike) and ratio > 0.0:
-        turns = bool(c.direction[rows[0]] >= 3) and kind <= DEVIATION
+    if (not kind.is_displacement or alike) and ratio > 0.0:
+        turns = bool(c.direction[rows[0]] >= 3) and kind.is_displacement
         known = [
             10.0 ** round(np.log10(ratio)),
             *([DEGREES, 1.0 / DEGREES] if turns else []),
         ]
         nearest = min(known, key=lambda each: abs(np.log(ratio / each)))
         factor = 1.0 if within else nearest
-    sign = float(np.sign(agree)) if alike and kind <= DEVIATION else 0.0
+    sign = float(np.sign(agree)) if alike and kind.is_displacement else 0.0
     return _Look(factor, ratio, sign, float(np.mean(value[sized] * model[sized] < 0)))
 
 
@@ -284,8 +292,8 @@ def _compare(
         text = f"{name} reads about {size} times the model: wrong unit?"
         yield ReadingRemark("unit", name, where, text)
     if look.sign < 0.0:
-        kind = KINDS[int(c.kind[rows[0]])]
-        text = f"{name} opposes the model in {look.against:.0%} of its {kind}s"
+        kind = _kind_of(c, int(rows[0]))
+        text = f"{name} opposes the model in {look.against:.0%} of its {kind.plural}"
         yield ReadingRemark("sensor-sign", name, where, f"{text}: is it reversed?")
 
 
@@ -306,7 +314,7 @@ def find_doubts(campaign: Campaign, predicted: Array) -> Doubts:
     steps: dict[str, tuple[Row, float, bool]] = {}
     turning: dict[str, bool] = {}
     channels = [
-        (name, rows) for name, rows in _channels(c) if int(c.kind[rows[0]]) <= DEVIATION
+        (name, rows) for name, rows in _channels(c) if c.is_displacement[rows[0]]
     ]
     channels = [
         (name, rows)

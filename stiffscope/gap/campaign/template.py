@@ -11,7 +11,11 @@ import numpy as np
 from stiffscope.gap.campaign.campaign import LoadPoint, Sensor
 from stiffscope.gap.campaign.quantities import WRENCH
 from stiffscope.gap.campaign.writing import describe_sensor, write_campaign
-from stiffscope.robot.mechanism_of import configured_poses, mechanism_of
+from stiffscope.robot.mechanism_of import (
+    configured_poses,
+    mechanism_of,
+    rigid_mechanism,
+)
 from stiffscope.robot.part_matrices import rigid_part, used_parts
 from stiffscope.runtime import output
 
@@ -100,7 +104,7 @@ def write_plan(robot: RobotFile, name: str, folder: Path, plan: Plan) -> None:
     """Write the files of a plan into a folder; see `write_template`."""
     header: dict[str, Any] = {
         "robot": name,
-        "modelled": ["gravity"] if robot.gravity else [],
+        "modelled": ["gravity"] if _weighs(robot) else [],
         "ignore": ["remark"],
         "sensors": {
             s.name: describe_sensor(
@@ -214,11 +218,30 @@ Instead of a sensor a row may have a quantity at M in a column quantity: dx dy d
 by the wrench; ex ey ez erx ery erz, deviations of the unloaded tool; kx..., px..., stiffness with other
 motions held or free; f1 f2 ..., natural frequencies in Hz.
 
-modelled: effects already in the nominal model.
+modelled: effects already in the nominal model. {_tell_weight(robot)}
 components = "fea", "beam" or "published": source of the parts' matrices; as in the robot file without it.
 units = {{ value = "um", sigma = "um" }}: units by column; SI without it.
 Bodies: {", ".join(robot.bodies)}; an elastic one has two ends, NAME.base and NAME.tip. Positions at home, base axes.
 zero = "session": one unknown zero offset of the sensor per session."""
+
+
+def _weighs(robot: RobotFile) -> bool:
+    """Return whether a robot file states what weighs, and along which direction."""
+    bodies = rigid_mechanism(robot).bodies
+    return robot.gravity is not None and any(body.mass for body in bodies)
+
+
+def _tell_weight(robot: RobotFile) -> str:
+    if _weighs(robot):
+        return (
+            "This robot file has masses and [gravity]:\n"
+            "its own weight is modelled, also without this key; [] says on purpose that it is not."
+        )
+    lacks = "masses" if robot.gravity is not None else "[gravity]"
+    return (
+        f"This robot file has no {lacks}: no weight\n"
+        "acts in the model, and no payload is found from sag; state both where the robot is read at rest."
+    )
 
 
 def _tuple(values: object) -> tuple[float, float, float]:

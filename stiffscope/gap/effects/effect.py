@@ -17,7 +17,7 @@ import numpy as np
 
 from stiffscope.robot.nominal import NominalRobot, Place
 from stiffscope.runtime.types import Array
-from stiffscope.vjm.model.mechanism import Change
+from stiffscope.vjm.model.mechanism import Change, Mechanism
 
 __all__ = [  # names that effect modules import
     "ADDED",
@@ -34,6 +34,7 @@ __all__ = [  # names that effect modules import
     "Doubts",
     "Effect",
     "Influence",
+    "Knee",
     "NominalRobot",
     "Parameter",
     "Payload",
@@ -98,6 +99,8 @@ class Candidate:
     """Other names of this effect at this place, as `effect @ place`."""
     twins: tuple[tuple[Candidate, float], ...] = ()
     """Other effects with the same signature, and their internal parameter over this one's."""
+    odds: float = 1.0
+    """Factor on the prior odds of this form of the effect."""
     stated: bool = False
     """True if the prior size is a stated tolerance: a standard uncertainty, without heavy tails."""
     groups: tuple[int, ...] = ()
@@ -107,16 +110,33 @@ class Candidate:
     part_units: tuple[str, ...] = ()
     couplings: int = 0
     """Number of trailing internal parameters that couple the others; these may have either sign."""
+    sums: tuple[tuple[str, str, tuple[float, ...]], ...] = ()
+    """Name, unit and coefficients (k,) of sums of the internal parameters that readings show
+    where they do not show the physical ones: the moments of a mass whose place is open."""
     flexible: bool = False
     """True if it can fit almost anything; such effects are not used to estimate noise."""
     pattern: str = ""
     """Kind of a nuisance pattern, independent of its place."""
+    spell: Callable[[Array], str] | None = None
+    """Words for a nuisance pattern by its fitted parameters, where their sign is free."""
     like: str = ""
     """Effect that a nuisance pattern resembles, at a place where that effect is not defined."""
     swarming: bool = False
     """True for patterns so numerous that together they would fit noise."""
     members: tuple[str, ...] = ()
     """Names of the elements that it changes."""
+    weighs: bool = False
+    """True if it only acts where the robot's weight does."""
+    merges: bool = True
+    """True if it may be the twin of another effect."""
+    assumed: bool = False
+    """True if it is assumed present for the estimate of noise."""
+    imitates: bool = False
+    """True if doubts about instruments are raised again without it."""
+    joins_noise: bool = True
+    """True if the estimate of noise fits it together with all others."""
+    gives_way: bool = False
+    """True if that estimate leaves it out first where all together would fit anything."""
     action: Any = None
     """Action of the candidate (an `Effect` on robots); only the forward model uses it."""
 
@@ -146,6 +166,10 @@ class Candidate:
     def is_nuisance(self) -> bool:
         """Whether it is a nuisance pattern."""
         return self.effect == UNNAMED
+
+    def describe(self, values: Sequence[float]) -> str:
+        """Return the place, or a nuisance pattern in the words of what was found."""
+        return self.place if self.spell is None else self.spell(np.array(values))
 
     @property
     def simple(self) -> bool:
@@ -178,6 +202,19 @@ class Payload:
     moments: Array
 
 
+class Knee(NamedTuple):
+    """Load of a drive, N or N·m, and the growth of its compliance below and beyond it."""
+
+    load: float
+    below: float
+    beyond: float
+
+    def bend(self, force: Array) -> Array:
+        """Return what is added to forces (n,): those by which a linear drive would yield as much more."""
+        small = np.clip(force, -self.load, self.load)
+        return self.below * small + self.beyond * (force - small)
+
+
 Row = tuple[int, int]
 """A row of readings: file number and line number."""
 
@@ -192,12 +229,19 @@ class Doubts:
     """Instruments with an apparently reversed sign."""
     steps: Mapping[str, tuple[Row, float, bool]] = field(default_factory=dict[str, Any])
     """First row after an apparent slip, size of the readings, m or rad, and whether rad."""
+    swaps: tuple[tuple[str, str], ...] = ()
+    """Pairs of columns that seem to be exchanged."""
 
     @property
-    def key(self) -> tuple[frozenset[str], frozenset[str], frozenset[tuple[str, Row]]]:
-        """What is doubted: units, signs, and rows of slips."""
+    def key(self) -> tuple[frozenset[Any], ...]:
+        """What is doubted: units, signs, rows of slips, and exchanged columns."""
         slips = ((name, row) for name, (row, _, _) in self.steps.items())
-        return frozenset(self.units), frozenset(self.signs), frozenset(slips)
+        return (
+            frozenset(self.units),
+            frozenset(self.signs),
+            frozenset(slips),
+            frozenset(self.swaps),
+        )
 
 
 @dataclass(frozen=True)
@@ -221,6 +265,16 @@ class Influence:
     """Factor on the numbers of an instrument: a wrong unit or a reversed sign."""
     jumps: Mapping[str, tuple[Row, float]] = field(default_factory=dict[str, Any])
     """First row after a jump of an instrument and the size of the jump, m or rad."""
+    frictions: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Force or torque that holds a drive before it moves, N or N·m, by joint."""
+    knees: Mapping[str, Knee] = field(default_factory=dict[str, Any])
+    """Loads at which the stiffness of drives changes, by joint."""
+    leak: Array | None = None
+    """Shares (3, 3) of the true force's components that the force sensor adds to others."""
+    load_gains: Mapping[float, float] = field(default_factory=dict[float, float])
+    """Relative excess of the applied loads of one stated size, N or N·m, by that size."""
+    swaps: tuple[tuple[str, str], ...] = ()
+    """Pairs of exchanged columns."""
 
 
 @dataclass(frozen=True)
@@ -239,15 +293,21 @@ class Setting:
     suspect: Callable[[str], bool] = lambda _: False
     """Whether the (slow) virtual experiments on a part are worthwhile."""
     doubts: Doubts = field(default_factory=Doubts)
+    tool_is_used: bool = True
+    """Whether there are readings or loads at M."""
+    tool_turns: bool = True
+    """Whether rotations of the unloaded tool are read at M."""
+    forces: tuple[bool, bool, bool] = (True, True, True)
+    """Whether a force is applied along x, y, z."""
+    load_values: tuple[tuple[float, str], ...] = ()
+    """Sizes of the applied loads and their unit, where there are at least three."""
+    drive_forces: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Largest force or torque that the applied loads exert on each drive, N or N·m."""
 
     @cached_property
     def length(self) -> float:
         """Largest distance of two joints, or of the tool from one, m."""
-        mechanism = self.robot.mechanism
-        points = np.array(
-            [*(joint.at for joint in mechanism.joints), mechanism.tool.at]
-        )
-        return float(np.linalg.norm(points[:, None] - points, axis=2).max()) or 1.0
+        return find_length(self.robot.mechanism)
 
     @cached_property
     def mass(self) -> float:
@@ -262,6 +322,16 @@ class Setting:
         return tuple(
             Parameter(*p[:2], *(unit * value for value in p[2:])) for p, unit in own
         )
+
+
+def find_length(mechanism: Mechanism) -> float:
+    """Return the largest distance of two joints, or of the tool from one, m."""
+    points = np.array([*(joint.at for joint in mechanism.joints), mechanism.tool.at])
+    return float(np.linalg.norm(points[:, None] - points, axis=2).max()) or 1.0
+
+
+_FACTS = ("weighs", "merges", "assumed", "imitates", "joins_noise", "gives_way")
+"""Facts of an effect that all its candidates share."""
 
 
 class Effect:
@@ -283,6 +353,18 @@ class Effect:
     """Whether it blames its element if it acts on a single one."""
     of_matrix: ClassVar[bool] = False
     """Whether it changes a part's compliance matrix."""
+    weighs: ClassVar[bool] = False
+    """Whether it only acts where the robot's weight does."""
+    merges: ClassVar[bool] = True
+    """Whether it may be the twin of another effect, named after that."""
+    assumed: ClassVar[bool] = False
+    """Whether it is assumed present for the estimate of noise, as readings raised the doubt."""
+    imitates: ClassVar[bool] = False
+    """Whether it follows faults of the robot, so that doubts are raised again without it."""
+    joins_noise: ClassVar[bool] = True
+    """Whether the estimate of noise fits it together with all others."""
+    gives_way: ClassVar[bool] = False
+    """Whether that estimate leaves it out first where all together would fit anything."""
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
@@ -331,5 +413,6 @@ class Effect:
             "component": place.sole if self.blames else "",
             "aliases": tuple(f"{self.word} @ {other}" for other in place.others),
             "members": place.members,
+            **{fact: getattr(self, fact) for fact in _FACTS},
         }
         return Candidate(action=self, **(fields | more))

@@ -49,7 +49,7 @@ class ElementEffect(Effect):
 
 def along_drive(joint: Joint) -> Array:
     """Return the direction (6,) of a drive in its joint's axes: a translation or a rotation."""
-    return ABOUT if joint.kind == "revolute" else ALONG
+    return ABOUT if joint.turns else ALONG
 
 
 def soften(nominal: NominalRobot, names: Sequence[str], u: Array) -> Changes:
@@ -113,7 +113,7 @@ def change_elements(mechanism: Mechanism, changes: Changes) -> Mechanism:
         change = changes.get(joint.name)
         if joint.drive is None or change is None or change.compliance is None:
             continue
-        along = 3 if joint.kind == "revolute" else 0
+        along = joint.type.driven or 0
         rest = change.compliance.copy()
         screw = (
             0.0 if joint.compliance is None else float(joint.compliance[along, along])
@@ -140,6 +140,9 @@ def change_robot(mechanism: Mechanism, influence: Influence) -> Mechanism:
     for k, joint in enumerate(joints):
         if joint.drive and (width := influence.dead_zones.get(joint.name)):
             joints[k] = replace(joint, drive=joint.drive.add_backlash(2.0 * width))
+        if joint.drive and (knee := influence.knees.get(joint.name)):
+            factors = 1.0 / (1.0 + knee.below), 1.0 / (1.0 + knee.beyond)
+            joints[k] = replace(joint, drive=joint.drive.bend_at(knee.load, *factors))
     changed = change_elements(
         replace(mechanism, joints=tuple(joints)), influence.elements
     )

@@ -43,6 +43,7 @@ class Geometry(ElementEffect):
 
     word = "geometry"
     precedence = 115
+    joins_noise = False  # it can fit almost anything
     parameters = (
         Parameter("offset", "m", 3e-4, 0.0, 1e-2),
         Parameter("angle", "rad", 1e-3, 0.0, 0.05),
@@ -89,7 +90,7 @@ def _errors(robot: NominalRobot, joints: Sequence[str]) -> Iterator[_Error]:
             yield _Error(name, word, twist, word.startswith("r"))
         if name in robot.driven:
             joint = robot.driven[name]
-            yield _Error(name, "zero", along_drive(joint), joint.kind == "revolute")
+            yield _Error(name, "zero", along_drive(joint), joint.turns)
 
 
 def _find_patterns(errors: Sequence[_Error]) -> tuple[list[str], Array]:

@@ -103,6 +103,8 @@ class SensorSign(InstrumentEffect):
 
     word = "sensor-sign"
     precedence = 154
+    assumed = True
+    imitates = True
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
@@ -122,6 +124,7 @@ class SensorStep(InstrumentEffect):
 
     word = "sensor-step"
     precedence = 156
+    imitates = True
     parameters = (Parameter("jump", "m"), Parameter("row", "1"))
 
     first: Row
@@ -150,6 +153,8 @@ class Unit(InstrumentEffect):
 
     word = "unit"
     precedence = 152
+    assumed = True
+    imitates = True
     parameters = (Parameter("factor", "1"),)
 
     factor: float

@@ -26,7 +26,6 @@ from stiffscope.gap.effects.elements import (
     add_diagonal,
     pick_patterns,
 )
-from stiffscope.vjm.model.joints import ALIKE, LED
 from stiffscope.vjm.model.mechanism import Change
 
 if TYPE_CHECKING:
@@ -150,7 +149,7 @@ class JointStiffness(ElementEffect):
         """Yield candidates at passive joints with a stated spring."""
         robot = setting.robot
         passive = [
-            j for j in robot.mechanism.joints if j.drive is None and j.kind in ALIKE
+            j for j in robot.mechanism.joints if j.drive is None and j.type.is_uniform
         ]
         springs = {j.name: j.spring for j in passive if j.spring is not None}
         for place in robot.places(springs):
@@ -180,6 +179,7 @@ class JointAxis(ElementEffect):
 
     word = "joint-axis"
     precedence = 112
+    gives_way = True  # axes of many joints fit almost anything
     parameters = (
         *(Parameter(name, "m", 2e-4, -1e-2, 1e-2) for name in ("y", "z")),
         *(Parameter(name, "rad", 1e-3, -0.05, 0.05) for name in ("ry", "rz")),
@@ -204,7 +204,7 @@ def find_axis_twists(mechanism: Mechanism) -> dict[str, dict[str, Array]]:
             if k > 2 or j.kind != "prismatic"
         }
         for j in mechanism.joints
-        if j.kind in LED
+        if j.type.driven is not None
     }
 
 

@@ -20,6 +20,7 @@ from stiffscope.gap.effects.effect import (
     Payload,
     Place,
     Setting,
+    find_length,
 )
 
 if TYPE_CHECKING:
@@ -39,8 +40,8 @@ class Gravity(Effect):
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
         """Yield one candidate for the whole robot."""
-        del setting
-        yield cls().make_candidate(Place("robot"))
+        if setting.robot.mechanism.gravity.any():
+            yield cls().make_candidate(Place("robot"))
 
     def influence(self, values: Array) -> Influence:
         """Return the robot's weight."""
@@ -58,6 +59,7 @@ class Mass(Effect):
 
     word = "mass"
     precedence = 25
+    weighs = True
     adoptable = True
     parameters = (Parameter("factor", "1", 0.2, 0.3, 3.0),)
     conversion = GROWTH
@@ -118,6 +120,8 @@ def find_masses(robot: NominalRobot) -> dict[str, tuple[Payload, ...]]:
     return out
 
 
+_STANDS_OUT = 0.5  # of a body's size: how far a mass on it may stand out
+_LEAST_SIZE = 0.1  # of the robot's: the same, of a body whose joints coincide
 _LEAST = 1e-9  # kg: least mass by which a centre is computed
 
 
@@ -127,6 +131,7 @@ class AddedMass(Effect):
 
     word = "payload"
     precedence = 20
+    weighs = True
     adoptable = True
     parameters = (
         Parameter("mass", "kg", 0.2, 0.0, 3.0),
@@ -161,9 +166,15 @@ class AddedMass(Effect):
                 )
                 if not known:
                     moments = (mass.size * centre[a].size for a in axes)
+                    low, high = find_extent(mechanism, body) - heavy.point
+                    within = (
+                        p._replace(low=float(a), high=float(b))
+                        for p, a, b in zip(centre, low, high, strict=True)
+                    )
                     yield heavy.make_candidate(
                         place,
-                        (mass, *centre),
+                        (mass, *within),
+                        sums=heavy.list_moments(_find_support(mechanism, body)),
                         scale=(mass.size, *moments),
                         couplings=len(axes),
                         physical=heavy.physical,
@@ -171,6 +182,17 @@ class AddedMass(Effect):
                     )
                 bounds = 0.0, KNOWN * sigma
                 yield heavy.make_candidate(place, (mass,), bounds=bounds, stated=known)
+
+    def list_moments(
+        self, support: Array
+    ) -> tuple[tuple[str, str, tuple[float, ...]], ...]:
+        """Return the first moments about a support (3,), home axes, as sums of internal parameters."""
+        lever = self.point - support
+        one = np.eye(len(self.axes))
+        return tuple(
+            (f"moment_{'xyz'[a]}", "kg·m", (float(lever[a]), *one[k].tolist()))
+            for k, a in enumerate(self.axes)
+        )
 
     def influence(self, values: Array) -> Influence:
         """Return the mass, and its first moments if given."""
@@ -192,6 +214,29 @@ class AddedMass(Effect):
     def internal(self, values: Array) -> Array:
         """Return mass and first moments for physical parameters (4,)."""
         return np.array([values[0], *(values[0] * values[1 + self.axes])])
+
+
+def find_extent(mechanism: Mechanism, body: Body) -> Array:
+    """Return the least and largest coordinates (2, 3) of a mass on a body, home axes, m.
+
+    A body reaches at least to its joints, its centre and, if it is the tool's, M; what is mounted on
+    it stands out by half its size.
+    """
+    points = [j.at for j in mechanism.joints if body.name in (j.first, j.second)]
+    points += [body.centre] if body.centre is not None else []
+    points += [mechanism.tool.at] if mechanism.tool.body == body.name else []
+    points = points or [np.zeros(3)]
+    ends = np.array([np.min(points, axis=0), np.max(points, axis=0)])
+    size = float(np.linalg.norm(ends[1] - ends[0]))
+    out = max(_STANDS_OUT * size, _LEAST_SIZE * find_length(mechanism))
+    return ends + np.array([[-out], [out]])
+
+
+def _find_support(mechanism: Mechanism, body: Body) -> Array:
+    """Return the point (3,) of the joint that carries a body, or of any of its joints."""
+    carried = [j.at for j in mechanism.joints if j.second == body.name]
+    others = [j.at for j in mechanism.joints if j.first == body.name]
+    return (*carried, *others, np.zeros(3))[0]
 
 
 def _find_point(mechanism: Mechanism, body: Body) -> Array:

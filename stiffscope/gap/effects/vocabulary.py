@@ -53,6 +53,11 @@ EFFECTS = {
 """Parameters of every effect, as pairs (name, SI unit)."""
 
 
+def find_kind(effect: str) -> type[Effect]:
+    """Return the class of an effect by any of its names."""
+    return _KIND_OF[effect]
+
+
 def word_of(name: str) -> str:
     """Return the primary effect name of an `effect @ place`."""
     effect = name.partition(" @ ")[0]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.gap.campaign.quantities import FIRST_FREQUENCY, FREQUENCY
+from stiffscope.gap.campaign.kinds import MODE_OF, SPARE_MODES_OF
 from stiffscope.gap.effects.elements import add_payloads, change_elements
 from stiffscope.gap.forward import robot_at_poses
 from stiffscope.gap.forward.terminals import (
@@ -30,6 +30,7 @@ from stiffscope.vjm.vibration.modes import modes
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.effects.effect import Changes, Payload
     from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
     from stiffscope.runtime.types import Array
@@ -190,42 +191,24 @@ class ElasticState:
 
     def displace_sensor(self, number: int) -> Array:
         """Return exact shift and rotation (p, 6) of M (-1) or a sensor by geometric errors."""
-        if self.places is self.at.rest:
-            return np.zeros((len(self.at.campaign.poses), 6))
-        if number < 0:
-            return self._at_every_pose(self._gone(END, self.at.mechanism.tool.at))
-        sensor = self.at.campaign.sensors[number]
-        across = self._gone(sensor.body, np.array(sensor.at))
-        if sensor.against == GROUND:
-            return self._at_every_pose(across)
-        rest = self.at.rest
-        there = self.places  # the point carried by the sensor's mount
-        point = rest.point(sensor.body, np.array(sensor.at))
-        back = np.swapaxes(rest.rotation[sensor.against], -1, -2)
-        turn = there.rotation[sensor.against]
-        home = back @ (point - rest.position[sensor.against])[..., None]
-        carried = (turn @ home)[..., 0] + there.position[sensor.against] - point
-        return self._at_every_pose(
-            across - _join(carried, rotation_vector(turn @ back))
-        )
-
-    def _gone(self, node: str, home: Array) -> Array:
-        """Return a body point's translation and rotation vector (n, 6) from the nominal pose."""
-        rest = self.at.rest
-        there = self.places
-        away = there.point(node, home) - rest.point(node, home)
-        turn = there.rotation[node] @ np.swapaxes(rest.rotation[node], -1, -2)
-        return _join(away, rotation_vector(turn))
+        at = self.at
+        if self.places is at.rest:
+            return np.zeros((len(at.campaign.poses), 6))
+        moved = measure_motion(at.campaign, at.mechanism, number, self.places, at.rest)
+        return self._at_every_pose(moved)
 
     @cached_property
     def _modes(self) -> Modes:
         """Lowest modes at the poses with frequency readings, drives locked."""
         at = self.at
         c = self.at.campaign
-        count = int((c.quantity[c.kind == FREQUENCY] - FIRST_FREQUENCY).max()) + 1
-        found = modes(self._loaded_mechanism, at.configurations[at.shaken], count)
-        if found.frequencies.shape[1] < count or np.isnan(found.frequencies).any():
-            row = int(np.argmax(c.kind == FREQUENCY))
+        mode = MODE_OF[c.quantity]
+        count = int(mode.max()) + 1
+        most = count + int(SPARE_MODES_OF[c.quantity].max())
+        found = modes(self._loaded_mechanism, at.configurations[at.shaken], most)
+        read = found.frequencies[:, :count]
+        if read.shape[1] < count or np.isnan(read).any():
+            row = int(np.argmax(mode >= 0))
             where = f"{c.where(row)}: quantity"
             raise InputError(
                 f"{where}: expected one of the modes that the robot has, got f{count}"
@@ -321,6 +304,42 @@ def soften_elements(at: RobotAtPoses, added: Mapping[str, Array]) -> Softened:
     ends = np.cumsum([len(added[name]) for name in names])[:-1]
     parts = zip(added.values(), np.split(carried, ends, axis=1), strict=True)
     return Softened(sound, cuts, tuple(compliance @ part for compliance, part in parts))
+
+
+def measure_motion(
+    campaign: Campaign, mechanism: Mechanism, number: int, there: Places, rest: Places
+) -> Array:
+    """Return exact shift and rotation (n or 1, 6) of M (-1), or a sensor from its mount.
+
+    Parameters
+    ----------
+    campaign, mechanism
+        The sensors, and the tool.
+    number
+        Index of the sensor, or -1.
+    there, rest
+        Places of the nodes, displaced and nominal.
+    """
+    if number < 0:
+        return _go(there, rest, END, mechanism.tool.at)
+    sensor = campaign.sensors[number]
+    body = FOOT if sensor.body == GROUND else sensor.body
+    across = _go(there, rest, body, np.array(sensor.at))
+    if sensor.against == GROUND:
+        return across
+    point = rest.point(body, np.array(sensor.at))  # carried by the sensor's mount
+    back = np.swapaxes(rest.rotation[sensor.against], -1, -2)
+    turn = there.rotation[sensor.against]
+    home = back @ (point - rest.position[sensor.against])[..., None]
+    carried = (turn @ home)[..., 0] + there.position[sensor.against] - point
+    return across - _join(carried, rotation_vector(turn @ back))
+
+
+def _go(there: Places, rest: Places, node: str, home: Array) -> Array:
+    """Return a body point's translation and rotation vector (n, 6) from the nominal pose."""
+    away = there.point(node, home) - rest.point(node, home)
+    turn = there.rotation[node] @ np.swapaxes(rest.rotation[node], -1, -2)
+    return _join(away, rotation_vector(turn))
 
 
 def _join(shift: Array, turn: Array) -> Array:

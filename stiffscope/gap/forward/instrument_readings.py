@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import AXES, DEVIATION, FREQUENCY
+from stiffscope.gap.campaign.quantities import AXES
 from stiffscope.gap.effects.instruments import INSTRUMENT, ROTATION, TRANSLATION
 
 if TYPE_CHECKING:
@@ -72,8 +72,7 @@ class InstrumentReadings:
     @cached_property
     def at_tool(self) -> Flags:
         """(n,) whether a reading is at M, including stiffnesses but not frequencies."""
-        c = self.campaign
-        return (c.sensor < 0) & (c.kind < FREQUENCY)
+        return self.campaign.at_tool
 
     def by_sensor(self, chosen: Flags) -> Iterator[tuple[int, Indices]]:
         """Yield every sensor, and -1 for M, that has chosen readings (n,), with their rows."""
@@ -82,6 +81,12 @@ class InstrumentReadings:
             if rows.size:
                 yield k, rows
 
+    def split_sensors(self, rows: Indices) -> Iterator[tuple[int, Indices]]:
+        """Yield every sensor, and -1 for M, that reads some of the rows (m,), with indices into them."""
+        sensor = self.campaign.sensor[rows]
+        for k in np.unique(sensor).tolist():
+            yield k, np.flatnonzero(sensor == k)
+
     def shown_by(self, place: str) -> Flags:
         """Return flags (n,) of an instrument's readings; that at M means all if M is not read."""
         c = self.campaign
@@ -89,7 +94,7 @@ class InstrumentReadings:
             shown = (
                 self.at_tool
                 if self.at_tool.any()
-                else (c.sensor >= 0) & (c.kind <= DEVIATION)
+                else (c.sensor >= 0) & c.is_displacement
             )
             part = (
                 True
@@ -99,9 +104,7 @@ class InstrumentReadings:
             return shown & part
         if place in AXES:
             return (
-                (c.sensor < 0)
-                & (c.direction == AXES.index(place))
-                & (c.kind <= DEVIATION)
+                (c.sensor < 0) & (c.direction == AXES.index(place)) & c.is_displacement
             )
         names = [sensor.name for sensor in c.sensors]
         return c.sensor == (names.index(place) if place in names else len(names))
@@ -110,7 +113,7 @@ class InstrumentReadings:
     def display(self) -> tuple[Array, Array]:
         """Factors (n,) on deflections and deviations, and shifts (n,)."""
         c = self.campaign
-        moving = self.campaign.kind <= DEVIATION
+        moving = self.campaign.is_displacement
         factor = np.ones(len(c))
         shift = np.zeros(len(c))
         for influence in self.influences:
@@ -124,4 +127,4 @@ class InstrumentReadings:
         """Return flags (n,) of an instrument's deflections and deviations from a row on."""
         c = self.campaign
         later = (c.file > row[0]) | ((c.file == row[0]) & (c.line >= row[1]))
-        return self.shown_by(name) & (c.kind <= DEVIATION) & later
+        return self.shown_by(name) & c.is_displacement & later

@@ -7,14 +7,15 @@ from functools import cached_property
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
+from scipy.special import chdtri  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
-from stiffscope.gap.effects.instruments import SensorSign, Unit
-from stiffscope.gap.effects.joints import JointAxis
+from stiffscope.gap.campaign.copies import find_copies
+from stiffscope.gap.campaign.scatter import SCATTER, find_scatter
 from stiffscope.gap.forward.forward_model import Noise
 
 if TYPE_CHECKING:
     from stiffscope.gap.campaign.campaign import Campaign
-    from stiffscope.gap.forward.forward_model import ForwardModel
+    from stiffscope.gap.forward.forward_model import Candidate, ForwardModel
     from stiffscope.runtime.types import Array, Flags, Indices
 
 
@@ -28,17 +29,19 @@ LARGEST = 1000  # most readings used for the initial guess of unknown noise
 FRACTIONS = np.geomspace(1e-5, 2.0, 80)  # candidate ratios of noise to gap
 
 
-_DOUBTED = {
-    Unit.word,
-    SensorSign.word,
-}  # if suspected, assumed present for the noise estimate
 _LEAST_FREE = 1e-6  # least share of a reading's variance that a joint fit leaves
 _ALIKE = 4.0  # readings as which it counts that noise is alike in a unit, and in all
 _USUAL = 0.01
 _WITHIN = 2.0  # noise over the gap, and its standard deviation in logarithms
 _TOLD = 3.0  # least degrees of freedom that tell the noise
+_SURE = 10  # readings beyond all effects' columns below which noise is estimated with the effects
+_RANK = 1e-6  # of the largest singular value: a column that readings show
+UNSURE = np.geomspace(
+    0.3, 10.0, 24
+)  # factors on the first estimate, which all effects share
 _EFFICIENCY = 0.5  # of the robust scatter: share of the degrees of freedom that it uses
-_MOST = 0.4  # most columns per reading in the joint fit
+_MOST = 0.4  # of the readings: degrees of freedom beyond which axes give way
+_ENOUGH = 0.5  # of the readings: beyond, a joint fit of all effects shows no outliers
 
 
 @dataclass(frozen=True)
@@ -73,37 +76,69 @@ def noise_of(model: ForwardModel) -> Noise:
     """
     campaign = model.campaign
     prediction = model.predict(
-        tuple((c, ()) for c in model.library if c.effect in _DOUBTED)
+        tuple((c, ()) for c in model.library if c.assumed and not c.scale)
     )
-    joint = [c for c in model.library if c.scale and not (c.flexible or c.swarming)]
-    if sum(len(c.scale) for c in joint) > _MOST * len(
-        campaign
-    ):  # axes fit almost anything
-        joint = [c for c in joint if c.effect != JointAxis.word]
-    x = np.hstack([prediction.columns(c) * np.array(c.scale) for c in joint])
+    joint = [c for c in model.library if c.scale and _joins(c)]
     gap = campaign.value - prediction.values
     unknown = np.isnan(campaign.sigma)
-    sigma = np.where(unknown, _first_guess(campaign, gap, x), campaign.sigma)
-    every = np.ones(len(gap), dtype=np.bool_)
-    noise = Noise(sigma, every, ~every, np.ones(1))
-    if len(gap) <= 2 * x.shape[1] and not unknown.any():
-        return noise
+    once = find_copies(campaign)[0]
+    for chosen in (joint, [c for c in joint if not c.gives_way]):
+        x = np.hstack([prediction.columns(c) * np.array(c.scale) for c in chosen])
+        guess = _first_guess(campaign, gap, x, np.flatnonzero(once))
+        sigma = np.where(unknown, guess, campaign.sigma)
+        freedom = _count_freedom(x / sigma[:, None])
+        if freedom <= _MOST * len(gap):
+            break
+    none = np.zeros(len(gap), dtype=np.bool_)
+    noise = Noise(sigma, once, none, np.ones(1))
+    if freedom > _ENOUGH * len(gap) and not unknown.any():
+        count = f"{len(gap)} readings for {freedom:.0f} unknowns of the possible causes"
+        return replace(noise, remarks=(f"{count}: outliers were not sought",))
     fit = _Fit(np.zeros(len(gap)), np.ones(len(gap)))
     columns = _Columns(LOOSE * x / sigma[:, None])
     for _ in range(PASSES):
         fit = _joint_fit(columns, gap / noise.sigma, noise.used, fit)
         before = noise.sigma
-        noise, fit = _judge_noise(campaign, noise, fit)
+        noise, fit = _judge_noise(campaign, noise, fit, once)
         if not np.array_equal(before, noise.sigma):
             columns = _Columns(LOOSE * x / noise.sigma[:, None])
-    if noise.freedom < _TOLD:
+    if unknown.any():
+        noise = _limit_to_scatter(campaign, noise, unknown, once)
+    one_pose = len(campaign.pose_names) == 1
+    if noise.freedom < _TOLD or (unknown.any() and one_pose and not noise.remarks):
         remark = f"{len(gap)} readings do not tell their noise, which is guessed: state sigma"
-        return Noise(sigma, every, ~every, np.ones(1), (remark,), _TOLD)
-    return _add_remarks(campaign, noise, fit)
+        if not unknown.all():
+            return Noise(sigma, once, none, np.ones(1), (remark,), _TOLD)
+        return Noise(sigma, once, unknown, UNSURE, (remark,), _TOLD)
+    free = int(once.sum()) - _count_independent(columns.values[once])
+    if unknown.all() and free < _SURE and not noise.remarks:
+        remark = f"{len(gap)} readings tell little of their noise: state sigma"
+        remarks = (*noise.remarks, remark)
+        return replace(noise, scaled=unknown, factors=UNSURE, remarks=remarks)
+    return _add_remarks(campaign, noise, fit, once)
 
 
-def _first_guess(c: Campaign, gap: Array, x: Array) -> Array:
-    """Return initial sigmas (n,): the likeliest fraction of their kind's gap, all effects free."""
+def _joins(candidate: Candidate) -> bool:
+    """Return whether an effect is among those that are fitted together."""
+    return candidate.joins_noise and not (candidate.flexible or candidate.swarming)
+
+
+def _count_freedom(columns: Array) -> float:
+    """Return the degrees of freedom that columns (n, k), in sigmas, take from the readings.
+
+    Columns that repeat others, or that readings do not show, take none: how many effects there are
+    in the library does not count.
+    """
+    small = columns if columns.shape[1] < len(columns) else columns.T
+    size = np.linalg.eigvalsh(LOOSE**2 * small.T @ small).clip(min=0.0)
+    return float(np.sum(size / (size + 1.0)))
+
+
+def _first_guess(c: Campaign, gap: Array, x: Array, rows: Indices) -> Array:
+    """Return initial sigmas (n,): the likeliest fraction of their kind's gap, all effects free.
+
+    rows: readings (m,) that are no copies.
+    """
     like = _number_units(c)
     size = np.where(c.relative, np.abs(c.value), 1.0)
     mean = np.sqrt(
@@ -113,9 +148,11 @@ def _first_guess(c: Campaign, gap: Array, x: Array) -> Array:
     unit = np.maximum(
         size * mean[like], np.where(c.relative, 1e-6 * size, max(least, 1e-300))
     )
-    some = np.unique(
-        np.linspace(0, len(gap) - 1, min(len(gap), LARGEST)).astype(np.int64)
-    )
+    some = rows[
+        np.unique(
+            np.linspace(0, len(rows) - 1, min(len(rows), LARGEST)).astype(np.int64)
+        )
+    ]
     a = x[some] / unit[some, None]
     y = gap[some] / unit[some]
     values, vectors = np.linalg.eigh(a @ a.T)
@@ -140,7 +177,9 @@ def _joint_fit(columns: _Columns, y: Array, used: Flags, before: _Fit) -> _Fit:
     )
 
 
-def _judge_noise(c: Campaign, noise: Noise, fit: _Fit) -> tuple[Noise, _Fit]:
+def _judge_noise(
+    c: Campaign, noise: Noise, fit: _Fit, once: Flags
+) -> tuple[Noise, _Fit]:
     """Estimate unknown noise from the robust scatter of its instrument, and flag outliers.
 
     Few readings tell little of an instrument's noise. Relative to the size of readings, it is like
@@ -169,7 +208,7 @@ def _judge_noise(c: Campaign, noise: Noise, fit: _Fit) -> tuple[Noise, _Fit]:
         usual = (total[groups] + _ALIKE * usual) / (count[groups] + _ALIKE)
     scatter = np.where(unknown, np.exp(usual) * size / noise.sigma, scatter)
     residual = np.where(unknown, residual / scatter, fit.residual)
-    used = np.abs(residual) < OUTLYING * np.where(unknown, 1.0, scatter)
+    used = once & (np.abs(residual) < OUTLYING * np.where(unknown, 1.0, scatter))
     sigma = np.where(unknown, noise.sigma * scatter, noise.sigma)
     freedom = _EFFICIENCY * float(free[unknown].sum()) if unknown.any() else np.inf
     return replace(noise, sigma=sigma, used=used, freedom=freedom), replace(
@@ -179,10 +218,46 @@ def _judge_noise(c: Campaign, noise: Noise, fit: _Fit) -> tuple[Noise, _Fit]:
 
 def _number_units(c: Campaign) -> Indices:
     """Return group numbers (n,) of readings in m, in rad, and relative to their size."""
-    return np.where(c.relative, 2, c.direction >= 3).astype(np.int64)
+    return c.unit_numbers
 
 
-def _add_remarks(c: Campaign, noise: Noise, fit: _Fit) -> Noise:
+def _count_independent(columns: Array) -> int:
+    """Return the rank of columns (n, k) of equal length."""
+    length = np.linalg.norm(columns, axis=0)
+    unit = columns[:, length > 0.0] / length[length > 0.0]
+    if not unit.size:
+        return 0
+    return int(np.linalg.matrix_rank(unit, tol=_RANK * np.sqrt(unit.shape[1])))
+
+
+def _limit_to_scatter(c: Campaign, noise: Noise, unknown: Flags, once: Flags) -> Noise:
+    """Return noise that is no more than the scatter of repeats, and about smooth load curves.
+
+    A joint fit of all effects takes what none of them explains as noise, also a smooth curve.
+    """
+    like = c.kind_numbers
+    sigma = np.array(noise.sigma)
+    freedom = 0.0
+    for group in np.unique(like[unknown]):
+        mine = unknown & once & (like == group)
+        size = np.where(c.relative, np.abs(c.value), 1.0)
+        squares, count = find_scatter(c, np.flatnonzero(mine), size)
+        if count < SCATTER.least:
+            continue
+        told = np.sqrt(squares / count)
+        own = float(np.median(noise.sigma[mine] / size[mine]))
+        # σ² is at most S/χ² of the lower tail, were the scatter all noise
+        if count * (told / own) ** 2 < chdtri(count, SCATTER.sure):
+            sigma = np.where(unknown & (like == group), told * size, sigma)
+            freedom += count
+    if not freedom:
+        return noise
+    used = noise.used | (once & (sigma != noise.sigma))
+    remark = "noise from repeated readings and smooth load curves"
+    return replace(noise, sigma=sigma, used=used, remarks=(remark,), freedom=freedom)
+
+
+def _add_remarks(c: Campaign, noise: Noise, fit: _Fit, once: Flags) -> Noise:
     known = ~np.isnan(c.sigma)
     sigma = noise.sigma
     remarks = list(noise.remarks)
@@ -192,8 +267,9 @@ def _add_remarks(c: Campaign, noise: Noise, fit: _Fit) -> Noise:
             sigma = np.where(known, ratio * sigma, sigma)
             times = f"{1 / ratio:.2g} times the observed scatter"
             remarks.append(f"uncertainties {times} were scaled down")
-    if not noise.used.all():
-        remarks.append(f"{int((~noise.used).sum())} gross outliers were left out")
+    outlying = int((once & ~noise.used).sum())
+    if outlying:
+        remarks.append(f"{outlying} gross outliers were left out")
     return replace(noise, sigma=sigma, remarks=tuple(remarks))
 
 

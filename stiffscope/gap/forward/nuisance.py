@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import AXES, DEFLECTION, DEVIATION
+from stiffscope.gap.campaign.quantities import AXES
 from stiffscope.gap.effects.effect import FREE, UNNAMED, Candidate
 from stiffscope.gap.effects.elements import ElementEffect, along_drive
 from stiffscope.gap.forward.robot_prediction import Gain, Pattern
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from stiffscope.vjm.model.joints import Joint
 
 
-_FULL_FORCE = 0.2  # fraction of a drive's largest force that overcomes friction
 _SPRING = 1e6  # N/m: spring to the frame per unit parameter
 _LIKE_FORCE = (
     100.0  # N or N·m: joint load at which parameters equal deformations, m or rad
@@ -68,7 +67,7 @@ def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
     """Yield faults of instruments, loads, drives and surroundings visible in displacements."""
     drives = list(at.robot.driven)
     c = at.campaign
-    read = np.unique(c.channel[c.kind <= DEVIATION])
+    read = np.unique(c.channel[c.is_displacement])
     sessions = len(c.session_names)
     channels = len(read)
     middle = at.configurations.tool[:, :3].mean(axis=0)
@@ -98,12 +97,11 @@ def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
         yield _make_unnamed(
             "errors that grow along the rail", (1e-3,) * len(drives), pitch
         )
-        yield _make_unnamed(
-            "less motion at small loads", (1e-5,) * len(drives), Pattern(_friction)
-        )
     if at.used_loads[:6].all():
         springs = "a stiffness towards the frame, growing with the distance"
-        yield _make_unnamed(springs, (0.01,) * 6, Pattern(partial(_tether, middle)))
+        away = "a force away from the frame, growing with the distance"
+        tether = _make_unnamed(springs, (0.01,) * 6, Pattern(partial(_tether, middle)))
+        yield replace(tether, spell=partial(_spell, springs, away))
     yield _make_unnamed(
         "a zero of its own in every direction", (1e-5,) * channels, Pattern(apart)
     )
@@ -112,7 +110,7 @@ def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
 def _crossings(at: RobotAtPoses) -> Iterator[Candidate]:
     """Yield cross-talk between directions at M and sensors with readings."""
     c = at.campaign
-    read: list[int] = np.unique(c.channel[c.kind <= DEVIATION]).tolist()
+    read: list[int] = np.unique(c.channel[c.is_displacement]).tolist()
     at_tool = range(len(c.sensors), len(c.sensors) + len(AXES))
     sources = {*read, *(at_tool if set(read).intersection(at_tool) else ())}
     names = [
@@ -147,7 +145,22 @@ def _play_of(at: RobotAtPoses) -> Iterator[Candidate]:
         play = _make_unnamed(
             f"play at {place}", (1e-5,) * 2, Pattern(partial(_play, axes)), "play"
         )
-        yield replace(play, like="backlash")
+        held = f"motion held back at {place}"
+        yield replace(play, like="backlash", spell=partial(_spell, play.place, held))
+
+
+def _spell(grown: str, shrunk: str, values: Array) -> str:
+    """Return one of two texts by the sign of what patterns add together."""
+    return grown if float(np.sum(values)) >= 0.0 else shrunk
+
+
+def _spell_curve(place: str, size: Array, values: Array) -> str:
+    """Return whether a place yields less or more in proportion under large loads.
+
+    size: columns' norms (2,) of the force's cube root, which is steep at small loads, and square.
+    """
+    small, large = values * size
+    return f"{'stiffening' if small >= large else 'softening'} at {place}"
 
 
 def _stiffening_of(nominal: RobotReadings) -> Iterator[Candidate]:
@@ -162,16 +175,18 @@ def _stiffening_of(nominal: RobotReadings) -> Iterator[Candidate]:
         straight, curved = np.split(weight * _make_yielding(axes, nominal), [1], axis=1)
         shares = (straight.T @ curved) / max(float(np.sum(straight**2)), 1e-300)
         stiffening = Pattern(partial(_make_stiffening, axes, shares))
-        yield _make_unnamed(
+        size = np.linalg.norm(curved - straight @ shares, axis=0)
+        curve = _make_unnamed(
             f"stiffening at {place}", (1e-5,) * 2, stiffening, "stiffening"
         )
+        yield replace(curve, spell=partial(_spell_curve, place, size))
 
 
 def _places(
     at: RobotAtPoses, axes: Mapping[str, Array]
 ) -> Iterator[tuple[str, dict[str, Array]]]:
     """Yield places of joints with axes (6,) whose faults displacements may show, with the axes."""
-    read = (at.campaign.kind <= DEVIATION).any()
+    read = at.campaign.is_displacement.any()
     for place in at.robot.places(
         name for name, along in axes.items() if read and along.any()
     ):
@@ -197,7 +212,9 @@ def _make_unnamed(
     names = tuple(f"p{k + 1}" for k in range(len(scale)))
     count = len(scale)
     own = names, ("",) * count, scale, (FREE,) * count
-    return Candidate(UNNAMED, place, *own, pattern=kind or place, action=action)
+    return Candidate(
+        UNNAMED, place, *own, pattern=kind or place, imitates=True, action=action
+    )
 
 
 def _bow(lengths: Mapping[str, float], values: Array) -> Changes:
@@ -235,7 +252,7 @@ def _stretch(
 def _by_channel(read: Indices, prediction: RobotReadings) -> Array:
     """Return columns (n, k): 1 for readings of each of the instruments and directions read (k,)."""
     c = prediction.campaign
-    size = np.where(c.kind <= DEVIATION, 1.0, 0.0)
+    size = np.where(c.is_displacement, 1.0, 0.0)
     return size[:, None] * (c.channel[:, None] == read)
 
 
@@ -252,7 +269,7 @@ def _hysteresis(prediction: RobotReadings) -> Array:
     """Return Rayleigh loops ``(a² - x²)/a`` by session; a is the largest like reading."""
     c = prediction.campaign
     x = prediction.plain_readings
-    loaded = c.kind == DEFLECTION
+    loaded = c.is_difference
     key = np.stack([c.pose, c.channel, c.load], axis=1)
     group = np.unique(key, axis=0, return_inverse=True)[1].ravel()
     largest = np.zeros(group.max() + 1)
@@ -265,7 +282,7 @@ def _hysteresis(prediction: RobotReadings) -> Array:
 def _crosstalk(sink: int, source: int, prediction: RobotReadings) -> Array:
     """Return a column with the source channel's signal in readings of the sink channel."""
     c = prediction.campaign
-    rows = np.flatnonzero((c.channel == sink) & (c.kind <= DEVIATION))
+    rows = np.flatnonzero((c.channel == sink) & c.is_displacement)
     column = np.zeros((len(c), 1))
     column[rows, 0] = prediction.seen_by(source, rows)
     return column
@@ -274,8 +291,9 @@ def _crosstalk(sink: int, source: int, prediction: RobotReadings) -> Array:
 def _off_centre(prediction: RobotReadings) -> Array:
     """Return columns of a wrench that acts beside its point, so that its force has moments."""
     force = np.nan_to_num(prediction.campaign.wrench[:, :3])
+    moments = (np.cross(axis, force) for axis in np.eye(3))
     return np.column_stack(
-        [prediction.applied_motion(np.cross(axis, force)) for axis in np.eye(3)]
+        [prediction.applied_motion(np.hstack([0.0 * m, m])) for m in moments]
     )
 
 
@@ -340,17 +358,4 @@ def _make_yielding(across: Mapping[str, Array], prediction: RobotReadings) -> Ar
         squares = whole * np.abs(whole) - rest * np.abs(rest)
         steps = [whole - rest, np.cbrt(whole) - np.cbrt(rest), squares]
         columns += np.stack([np.sum(read * step, axis=1) for step in steps], axis=1)
-    return np.where((c.kind <= DEVIATION)[:, None], columns, 0.0)
-
-
-def _friction(prediction: RobotReadings) -> Array:
-    """Return columns of Coulomb friction: motion lost by a fixed amount towards the force."""
-    deflected = prediction.campaign.kind == DEFLECTION
-    columns: list[Array] = []
-    for drive in prediction.at.robot.driven:
-        force = np.where(deflected, prediction.drive_force(drive), 0.0)
-        lost = np.clip(
-            force / max(_FULL_FORCE * np.abs(force).max(initial=0.0), 1e-9), -1.0, 1.0
-        )
-        columns.append(lost * prediction.by_drive(drive))
-    return np.stack(columns, axis=1)
+    return np.where(c.is_displacement[:, None], columns, 0.0)

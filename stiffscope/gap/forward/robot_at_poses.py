@@ -15,13 +15,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.gap.campaign.quantities import (
-    AXES,
-    DEVIATION,
-    FREQUENCY,
-    JOINT,
-    POSITION,
-)
+from stiffscope.gap.campaign.kinds import KINDS, MODE_OF
+from stiffscope.gap.campaign.kinds.kind import NO_MODE
+from stiffscope.gap.campaign.quantities import AXES, JOINT
+from stiffscope.gap.effects.effect import find_length
 from stiffscope.gap.effects.elements import along_drive, without_ranges
 from stiffscope.gap.forward.setup import Instruments
 from stiffscope.gap.forward.terminals import find_weight, unit_wrenches, wrenches_at
@@ -45,6 +42,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.gap.campaign.kinds.kind import Predictor
     from stiffscope.gap.effects.effect import Payload
     from stiffscope.gap.forward.setup import Setup
     from stiffscope.robot.nominal import NominalRobot
@@ -114,6 +112,11 @@ class RobotAtPoses:
         return without_ranges(without_laws(self.robot.mechanism))
 
     @cached_property
+    def length(self) -> float:
+        """Largest distance of two joints, or of the tool from one, m."""
+        return find_length(self.mechanism)
+
+    @cached_property
     def laws(self) -> dict[str, Law]:
         """Laws of nonlinear drives."""
         return find_laws(self.robot.mechanism)
@@ -122,7 +125,7 @@ class RobotAtPoses:
         """Return the displacement (p, k) of a passive joint from its spring's rest position."""
         joint = self.mechanism.joint(name)
         away = self.configurations.coordinates(name)
-        return (away @ joint.axes if joint.kind == "spherical" else away) - joint.rest
+        return (away @ joint.axes if joint.type.is_ball else away) - joint.rest
 
     @cached_property
     def law_influence(self) -> Array:
@@ -153,10 +156,11 @@ class RobotAtPoses:
         where = c.where(int(np.argmax(c.pose == pose)))
         points = np.array([joint.at for joint in self.mechanism.joints])
         size = float(np.ptp(points, axis=0).max() + np.abs(points).max())
-        kinds = {f"{JOINT}{joint.name}": joint.kind for joint in self.mechanism.joints}
+        joints = self.mechanism.joints
+        turning = {f"{JOINT}{joint.name}" for joint in joints if joint.turns}
         beyond: dict[str, tuple[float, float, str, str]] = {}
         for name, value in zip(c.coordinates, c.poses[pose].tolist(), strict=True):
-            turns = name in AXES[3:] or kinds.get(name) == "revolute"
+            turns = name in AXES[3:] or name in turning
             limit, units = (
                 (2.0 * np.pi, ("rad", "deg")) if turns else (5.0 * size, ("m", "mm"))
             )
@@ -231,7 +235,7 @@ class RobotAtPoses:
         moving = c.is_motion
         large = np.where(moving, 0, 1 + c.quantity)
         apart = np.where(
-            c.kind == POSITION, c.session, 0
+            c.is_absolute, c.session, 0
         )  # instruments that are set up again
         axis = np.where(moving, c.direction, 0)
         senses = np.stack([c.pose, apart, c.channel, axis, large], axis=1)
@@ -266,11 +270,13 @@ class RobotAtPoses:
         out = np.ones(self.cases, dtype=np.bool_)
         for k, load in enumerate(c.loads):
             acts = (np.nan_to_num(c.wrench[c.load == k]) != 0.0).any(axis=0)
+            if self._firm and acts[:3].any():
+                acts[:3] = True  # a leak of the force sensor has the others
             if self._firm and load.body == self.mechanism.tool.body:
                 acts[3:] |= [acts[:3][np.arange(3) != axis].any() for axis in range(3)]
             out[self.load_cases(k)] = acts
         if not self._firm:
-            read = np.unique(c.direction[(c.sensor < 0) & (c.kind <= DEVIATION)])
+            read = np.unique(c.direction[(c.sensor < 0) & c.is_displacement])
             applied = (np.nan_to_num(c.wrench[c.load < 0]) != 0.0).any(axis=0)
             out[_TOOL] = np.isin(np.arange(6) // 3, read // 3) | applied
         return out
@@ -337,9 +343,21 @@ class RobotAtPoses:
 
     @cached_property
     def shaken(self) -> Indices:
-        """Poses with readings of natural frequencies."""
+        """Poses with readings of modes of vibration."""
         c = self.campaign
-        return np.unique(c.pose[c.kind == FREQUENCY])
+        return np.unique(c.pose[MODE_OF[c.quantity] != NO_MODE])
+
+    @cached_property
+    def predictors(self) -> tuple[tuple[Predictor, Indices], ...]:
+        """What predicts the readings, with the rows (m,) of which it does."""
+        kind = self.campaign.kind
+        served: dict[Predictor, list[int]] = {}
+        for number in np.unique(kind).tolist():
+            served.setdefault(KINDS[number].predictor, []).append(number)
+        return tuple(
+            (predictor, np.flatnonzero(np.isin(kind, numbers)))
+            for predictor, numbers in served.items()
+        )
 
 
 def configure_robot(

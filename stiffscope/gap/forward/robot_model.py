@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import POSITION
+from stiffscope.gap.campaign.kinds import CODE_ALONG
 from stiffscope.gap.campaign.readings import match_robot
+from stiffscope.gap.campaign.resolution import find_rounding
 from stiffscope.gap.campaign.sanity import find_doubts, inspect_ranges
 from stiffscope.gap.effects.drives import ActuatorStiffness
-from stiffscope.gap.effects.effect import UNNAMED, Doubts, Place, Setting
-from stiffscope.gap.effects.instruments import SensorSign, SensorStep, Unit
+from stiffscope.gap.effects.effect import Doubts, Place, Setting
 from stiffscope.gap.effects.links import PartCompliance
 from stiffscope.gap.effects.masses import Gravity
 from stiffscope.gap.effects.vocabulary import find_candidates
@@ -25,6 +25,7 @@ from stiffscope.gap.forward.remarks import find_remarks
 from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
 from stiffscope.gap.forward.robot_prediction import RobotPrediction
 from stiffscope.gap.forward.setting import find_setting
+from stiffscope.gap.forward.swaps import find_swaps, swap_columns
 from stiffscope.gap.forward.trial import plan_trial
 from stiffscope.gap.forward.twins import merge_twins
 
@@ -38,12 +39,6 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array
 
 _SUSPECT = 0.2  # fraction of squared gap (beyond drives, noise) to test a part
-_IMITATING = {
-    Unit.word,
-    SensorSign.word,
-    SensorStep.word,
-    UNNAMED,
-}  # effects that are doubts or follow any
 _SIGNIFICANT = 3.0  # standard deviations
 _ROUNDING = 1e-10  # relative to the largest reading
 
@@ -67,7 +62,7 @@ class RobotModel:
         Positions and distances are taken relative to those of the rigid robot as commanded.
         """
         campaign = match_robot(self.campaign, self.nominal.robot)
-        if (campaign.kind == POSITION).any() and campaign.expected is None:
+        if campaign.is_absolute.any() and campaign.expected is None:
             at = RobotAtPoses(self.nominal, campaign)
             expected = np.zeros(len(campaign))
             there = at.instruments.look(at.instruments_start[0], *at.targets(at.rest))
@@ -85,9 +80,11 @@ class RobotModel:
     @cached_property
     def _library(self) -> tuple[Candidate, ...]:
         without = {self.without, Gravity.word if self._has_gravity else ""}
-        known = find_candidates(self.setting, without)
+        known = tuple(find_candidates(self.setting, without))
+        heavy = tuple((c, ()) for c in known if c.effect == Gravity.word)
+        # drives and masses that only weight would show are tried beside gravity
         return (
-            *merge_twins(tuple(known), self.predict()),
+            *merge_twins(known, self.predict(heavy)),
             *nuisance_patterns(self.predict()),
         )
 
@@ -95,22 +92,34 @@ class RobotModel:
     def setting(self) -> Setting:
         """Robot and measurement setup that determine the candidates."""
         setting = find_setting(self._sound, self._is_suspect)
+        forces = {
+            name: float(np.abs(self.predict().drive_force(name)).max(initial=0.0))
+            for name in self.nominal.driven
+        }
         return replace(
             setting,
-            doubts=self.doubts or find_doubts(self.campaign, self.predict().values),
+            drive_forces=forces,
+            doubts=self.doubts or self._find_doubts(()),
         )
+
+    def _find_doubts(self, parameters: Parameters) -> Doubts:
+        """Return doubts about instruments and columns by a prediction with effects."""
+        prediction = self.predict(parameters)
+        doubts = find_doubts(self.campaign, prediction.values)
+        return replace(doubts, swaps=find_swaps(prediction))
 
     def doubt_again(self, parameters: Parameters) -> RobotModel | None:
         """Return the model with doubts by a prediction with effects, too; None if there is no other.
 
         What the nominal robot lacks hides a slip, a sign or a unit.
         """
-        sound = tuple(each for each in parameters if each[0].effect not in _IMITATING)
+        sound = tuple(each for each in parameters if not each[0].imitates)
         before = self.setting.doubts
-        now = find_doubts(self.campaign, self.predict(sound).values)
+        now = self._find_doubts(sound)
         signs = tuple(dict.fromkeys((*before.signs, *now.signs)))
+        swaps = tuple(dict.fromkeys((*before.swaps, *now.swaps)))
         both = Doubts(
-            {**now.units, **before.units}, signs, {**before.steps, **now.steps}
+            {**now.units, **before.units}, signs, {**before.steps, **now.steps}, swaps
         )
         return None if both.key == before.key else replace(self, doubts=both)
 
@@ -158,7 +167,7 @@ class RobotModel:
 
     @property
     def _has_gravity(self) -> bool:
-        return Gravity.word in self.campaign.modelled
+        return self.campaign.is_weighed
 
     @cached_property
     def _sound(self) -> ElasticState:
@@ -174,11 +183,15 @@ class RobotModel:
 
     def predict(self, parameters: Parameters = ()) -> RobotPrediction:
         """Predict readings with these effects. Raises InputError outside the assemblable range."""
-        return (
-            replace(self._nominal, parameters=parameters)
-            if parameters
-            else self._nominal
-        )
+        if not parameters:
+            return self._nominal
+        swaps = [
+            pair
+            for candidate, values in parameters
+            for pair in candidate.action.influence(np.array(values)).swaps
+        ]
+        campaign = swap_columns(self.campaign, swaps)
+        return replace(self._nominal, campaign=campaign, parameters=parameters)
 
     @cached_property
     def _nominal(self) -> RobotPrediction:
@@ -187,7 +200,7 @@ class RobotModel:
     def predict_as(self, kind: int, other: int) -> Array:
         """Return readings (n,) predicted with those of one kind taken for another."""
         c = self.campaign
-        quantity = np.where(c.kind == kind, 6 * other + c.direction, c.quantity)
+        quantity = np.where(c.kind == kind, CODE_ALONG[other, c.direction], c.quantity)
         return (
             replace(self, campaign=replace(c, quantity=quantity))
             .predict()
@@ -196,7 +209,22 @@ class RobotModel:
 
     def noise(self) -> Noise:
         """Return noise and gross outliers from the joint fit of all effects."""
-        return noise_of(self)
+        noise = noise_of(self)
+        step = self.steps.max(initial=0.0)
+        if not step:
+            return noise
+        least = self.steps / np.sqrt(12.0)
+        remark = f"readings in steps of up to {step:.2g}, which scatter by 0.29 of them"
+        stated = ~np.isnan(self.campaign.sigma)
+        sigma = np.where(
+            stated, np.hypot(noise.sigma, least), np.maximum(noise.sigma, least)
+        )
+        return replace(noise, sigma=sigma, remarks=(*noise.remarks, remark))
+
+    @cached_property
+    def steps(self) -> Array:
+        """Steps (n,) of readings, m or rad, whose rounding counts; else zero."""
+        return np.sqrt(12.0) * find_rounding(self.campaign)
 
     def trial(self, sigma: Array) -> Trial:
         """Return possible next readings, given noise ``sigma`` (n,) of the campaign's readings."""

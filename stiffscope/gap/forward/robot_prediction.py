@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import DEVIATION
 from stiffscope.gap.effects.effect import Effect, Influence
 from stiffscope.gap.effects.instruments import SensorStep
 from stiffscope.gap.forward.robot_readings import RobotReadings
 from stiffscope.gap.forward.slopes import find_slopes
+from stiffscope.gap.forward.swaps import swap_columns
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -126,8 +126,13 @@ class RobotPrediction(RobotReadings):
         if influence.weight:
             change = self.display[0] * self._grow(self.weight[:, None])[:, 0]
         for name, factor in influence.factors.items():
-            shown = self.shown_by(name) & (self.campaign.kind <= DEVIATION)
+            shown = self.shown_by(name) & self.campaign.is_displacement
             change = np.where(
                 shown, (factor - 1.0) * self.display[0] * self.plain_readings, change
             )
+        if influence.swaps:
+            swapped = replace(
+                self, campaign=swap_columns(self.campaign, influence.swaps)
+            )
+            return swapped.values - self.values
         return self.projection.without(change[:, None])[:, 0]

@@ -9,33 +9,31 @@ A reading is ``a · D b``, with the generalized compliance D between terminals, 
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from functools import cached_property
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import (
-    DEFLECTION,
-    DEVIATION,
-    FIRST_FREQUENCY,
-    FREQUENCY,
-    POSITION,
-    PUSH,
-    STIFFNESS,
-)
+from stiffscope.gap.campaign.kinds import MODE_OF
 from stiffscope.gap.effects.elements import along_drive
 from stiffscope.gap.forward.elastic_state import ElasticState
 from stiffscope.gap.forward.instrument_readings import InstrumentReadings
+from stiffscope.gap.forward.load_chains import LoadChains, size_loads
+from stiffscope.gap.forward.second_order import SETTINGS, find_second_order
 from stiffscope.vjm.elements.laws import settle
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
+    from stiffscope.gap.campaign.kinds.kind import Predictor
+    from stiffscope.gap.effects.effect import Knee
     from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
     from stiffscope.gap.forward.setup import Placed, Projection
     from stiffscope.runtime.types import Array, Flags, Indices
+    from stiffscope.vjm.model.joints import Law
 
+_SAME_LOAD = 1e-5  # relative difference of equal loads
 _ZERO_FORCE = 1e-6  # rounding error of zero forces over the largest force
 
 
@@ -58,10 +56,15 @@ class RobotReadings(InstrumentReadings):
         """Whether an effect adds the robot's weight, which the nominal model lacks."""
         return any(influence.weight for influence in self.influences)
 
+    @property
+    def weighs(self) -> bool:
+        """Whether weight acts: a payload's never does where the robot's own does not."""
+        return self.weighted or self.heavier
+
     @cached_property
     def gravity(self) -> float:
         """Gravity acting on the robot, m/s²."""
-        return self.at.robot.acceleration if self.weighted or self.heavier else 0.0
+        return self.at.robot.acceleration if self.weighs else 0.0
 
     @cached_property
     def elastic_state(self) -> ElasticState:
@@ -87,16 +90,33 @@ class RobotReadings(InstrumentReadings):
         return float(np.prod([1.0 + each.force_gain for each in self.influences]))
 
     @cached_property
+    def true_wrench(self) -> Array:
+        """Applied wrenches (n, 6) without a common scale: leaks and weights that differ taken off."""
+        out = np.nan_to_num(self.campaign.wrench)
+        for each in self.influences:
+            if each.leak is not None:
+                true = np.linalg.solve(np.eye(3) + each.leak, out[:, :3].T).T
+                out = np.hstack([true, out[:, 3:]])
+            for value, growth in each.load_gains.items():
+                out = out * (1.0 + growth * self.has_size(value))[:, None]
+        return out
+
+    def has_size(self, value: float) -> Flags:
+        """Return flags (n,) of readings under a load of a stated size, N or N·m."""
+        size = size_loads(self.campaign.wrench)
+        return np.abs(size - value) <= _SAME_LOAD * value
+
+    @cached_property
     def applied_loads(self) -> Array:
         """Terminal loads (n, cases) of every reading of a motion; zero for other readings."""
         c = self.campaign
         at = self.at
         out = np.zeros((len(c), at.cases))
-        wrench = self.force_scale * np.nan_to_num(c.wrench)
+        wrench = self.force_scale * self.true_wrench
         for load in range(-1, len(c.loads)):
-            mine = (c.kind != DEVIATION) & c.is_motion & (c.load == load)
+            mine = c.is_loaded & c.is_motion & (c.load == load)
             out[mine, at.load_cases(load)] = wrench[mine]
-        out[c.shows_rest] += self._dead
+        out[c.shows_rest] += self.rest_loads
         return out
 
     @cached_property
@@ -133,17 +153,31 @@ class RobotReadings(InstrumentReadings):
 
         For positions and distances, it excludes the motion by geometric errors.
         """
-        out = np.zeros((len(self.campaign), 6))
+        out = find_second_order(self)
         for k, mine in self.by_sensor(self.is_motion):
-            out[mine] = self._motion(k, mine)
+            out[mine] += self._motion(k, mine)
         return out
+
+    @cached_property
+    def length(self) -> float:
+        """Largest distance of two joints, or of the tool from one, m."""
+        return self.at.length
+
+    @cached_property
+    def expected_noise(self) -> Array:
+        """Standard uncertainty (n,) of readings; a share of their kind's rms if not stated."""
+        c = self.campaign
+        like = c.kind_numbers
+        mean = np.bincount(like, c.value**2) / np.maximum(np.bincount(like), 1)
+        usual = SETTINGS.unstated * np.sqrt(mean)[like]
+        return np.where(np.isnan(c.sigma), usual, c.sigma).clip(min=1e-300)
 
     def _motion(self, k: int, rows: Indices) -> Array:
         """Return the true motion (m, 6) at a sensor, or (-1) at M, for readings (m,)."""
         c = self.campaign
         motion = self.elastic_state.move_sensor(k)
         out = np.einsum("nij,nj->ni", motion[c.pose[rows]], self.applied_loads[rows])
-        still = c.kind[rows] == DEVIATION
+        still = (c.shows_rest & ~c.is_absolute)[rows]
         if still.any():
             out[still] += self.elastic_state.displace_sensor(k)[c.pose[rows[still]]]
         return out
@@ -170,7 +204,9 @@ class RobotReadings(InstrumentReadings):
         """Part (n,) of positions and distances that is due to applied wrenches; zero for others."""
         c = self.campaign
         out = np.zeros(len(self.campaign))
-        pushes = self.applied_loads - np.where(c.shows_rest[:, None], self._dead, 0.0)
+        pushes = self.applied_loads - np.where(
+            c.shows_rest[:, None], self.rest_loads, 0.0
+        )
         for k, sensor in enumerate(c.sensors):
             mine = np.flatnonzero(c.sensor == k)
             if sensor.absolute and mine.size:
@@ -182,41 +218,12 @@ class RobotReadings(InstrumentReadings):
     @cached_property
     def sense(self) -> Array:
         """Sensed terminal directions a (n, cases), signs as in ``a · D b``."""
-        c = self.campaign
-        at = self.at
-        out = np.zeros((len(c), at.cases))
-        for k, mine in self.by_sensor(self.is_motion):
-            if k < 0:
-                out[mine, :6] = self.axis[mine] @ self.instrument(k)
-            else:
-                absolute = c.sensors[k].absolute
-                out[mine, at.sensor_cases(k)] = (
-                    self.axis[mine] if absolute else self.gain(k)
-                )
-        stiff = np.flatnonzero(c.kind == STIFFNESS)
-        if stiff.size:
-            rows = self.shown_stiffness[c.pose[stiff], c.direction[stiff]]
-            out[stiff, :6] = -rows @ self.instrument(-1)
-        push = np.flatnonzero(c.kind == PUSH)
-        if push.size:
-            out[push, :6] = (
-                -self.axis[push] @ self.instrument(-1) * self.pushes[push, None]
-            )
-        return out
+        return self.ask(lambda predictor, rows: predictor.find_sense(self, rows))
 
     @cached_property
     def drive(self) -> Array:
         """Applied terminal loads b (n, cases) of ``a · D b``; for stiffnesses, of the motion."""
-        c = self.campaign
-        out = self.applied_loads.copy()
-        stiff = np.flatnonzero(c.kind == STIFFNESS)
-        if stiff.size:
-            columns = self.shown_stiffness[c.pose[stiff], :, c.direction[stiff]]
-            out[stiff, :6] = columns * self.force_scale
-        push = np.flatnonzero(c.kind == PUSH)
-        if push.size:
-            out[push, :6] = self.axis[push] * self.pushes[push, None] * self.force_scale
-        return out
+        return self.ask(lambda predictor, rows: predictor.find_drive(self, rows))
 
     @cached_property
     def pushes(self) -> Array:
@@ -248,11 +255,10 @@ class RobotReadings(InstrumentReadings):
                 (at[pose[few]] @ each[few][..., None])[which, :, 0]
                 for (few, which), each in pairs
             )
-            if self._mode[0].size:  # δf = -w · δC w / (8 π² f)
-                which, shaken, mode = self._mode
-                frequencies = self.elastic_state.frequencies[shaken, mode, None]
-                driven[which] = moved = sway(name)[shaken, :, mode]
-                sensed[which] = -moved / (8.0 * np.pi**2 * frequencies)
+            for predictor, rows in self.at.predictors:
+                modal = predictor.find_modal_pair(self, rows, partial(sway, name))
+                if modal is not None:
+                    sensed[rows], driven[rows] = modal
             self._known_pairs[key] = sensed, driven
         return self._known_pairs[key]
 
@@ -279,25 +285,7 @@ class RobotReadings(InstrumentReadings):
     @cached_property
     def robot_reads(self) -> Array:
         """Readings (n,) due to robot, loads and instruments, without lost motion."""
-        c = self.campaign
-        out = np.zeros(len(c))
-        for k, mine in self.by_sensor(self.is_motion):
-            axis = self.axis[mine]
-            twist = self.twist[mine]
-            out[mine] = np.einsum("ni,ij,nj->n", axis, self.instrument(k), twist)
-        placed = self.placed_instruments
-        rows = self.at.instruments.rows
-        if placed is not None:
-            out[rows] = placed.seen - (0.0 if c.expected is None else c.expected[rows])
-        if (c.kind == STIFFNESS).any():
-            out = np.where(c.kind == STIFFNESS, self.entries(self.shown_stiffness), out)
-        if (c.kind == PUSH).any():
-            out = np.where(c.kind == PUSH, self.pushes, out)
-        return (
-            out + self.at_modes(self.elastic_state.frequencies)
-            if self._mode[0].size
-            else out
-        )
+        return self.ask(lambda predictor, rows: predictor.read(self, rows))
 
     @cached_property
     def plain_readings(self) -> Array:
@@ -308,32 +296,87 @@ class RobotReadings(InstrumentReadings):
         for influence in self.influences:
             for drive, width in influence.dead_zones.items():
                 out = out + width * self.dead_zone(drive)
+            for drive, knee in influence.knees.items():
+                out = out + self.bent_by(drive, knee)
+            for drive in influence.frictions:
+                out = out - self._drive_compliance(drive) * self.held_by(drive) * (
+                    self.by_drive(drive)
+                )
+        return out
+
+    def bent_by(self, drive: str, knee: Knee) -> Array:
+        """Return the change (n,) of readings by another compliance of a drive below and beyond a load."""
+        rest = self.rest_force(drive)
+        axis = along_drive(self.at.robot.driven[drive])
+        compliance = float(axis @ self.at.robot.compliances[drive] @ axis)
+        softer = knee.bend(rest + self.drive_force(drive)) - knee.bend(rest)
+        return compliance * softer * self.by_drive(drive)
+
+    def rest_force(self, drive: str) -> Array:
+        """Return the force or moment (n,) of a drive at rest, to which that of a deflection adds."""
+        axis = along_drive(self.at.robot.driven[drive])
+        deflected = self.campaign.is_difference
+        return np.where(deflected, self.find_rest_wrench(drive) @ axis, 0.0)
+
+    def held_by(self, drive: str, change: float = 0.0) -> Array:
+        """Return the force or moment (n,) that friction, and a change of it, holds in a drive."""
+        friction = sum(each.frictions.get(drive, 0.0) for each in self.influences)
+        return self._chains.hold(self.drive_force(drive), max(friction + change, 0.0))
+
+    def yield_to_friction(self, drive: str, change: float) -> Array:
+        """Return the change (n,) of readings by a change of a drive's friction, N or N·m."""
+        more = self.held_by(drive, change) - self.held_by(drive)
+        return -self._drive_compliance(drive) * more * self.by_drive(drive)
+
+    @cached_property
+    def _chains(self) -> LoadChains:
+        return LoadChains(self.campaign)
+
+    def _drive_compliance(self, drive: str) -> float:
+        """Return the compliance of a drive with its changes, m/N or rad/(N·m)."""
+        axis = along_drive(self.at.robot.driven[drive])
+        out = float(axis @ self.at.robot.compliances[drive] @ axis)
+        for each in self.influences:
+            change = each.elements.get(drive)
+            if change is not None and change.compliance is not None:
+                out += float(axis @ change.compliance @ axis)
         return out
 
     @cached_property
     def _lost_by_laws(self) -> Array:
-        """Changes (n,) of readings by nonlinear drives, each unloaded in the middle of its gap."""
+        """Changes (n,) of readings by nonlinear drives, each unloaded in the middle of its gap.
+
+        A curve is followed from the force at rest; a gap is crossed towards the applied force.
+        """
         at = self.at
         forces = np.stack([self.drive_force(name) for name in at.laws], axis=1)
         forces = np.where(self.find_signs(forces) == 0.0, 0.0, forces)
+        rest = np.stack([self.rest_force(name) for name in at.laws], axis=1)
         laws = list(at.laws.values())
-        influence = at.law_influence[self.campaign.pose]
-        shifts = settle(
-            laws, np.array([law.slopes[0] for law in laws]), forces, influence
-        ).shift
+        smooth = [replace(law, starts=law.starts - law.starts[0]) for law in laws]
+        shifts = self._settle(laws, forces)
+        if rest.any():
+            bent = self._settle(smooth, forces + rest) - self._settle(smooth, rest)
+            shifts = shifts - self._settle(smooth, forces) + bent
         changes = (shifts[:, k] * self.by_drive(name) for k, name in enumerate(at.laws))
         return sum(changes, np.zeros(len(forces)))
 
+    def _settle(self, laws: Sequence[Law], forces: Array) -> Array:
+        """Return the shifts (n, k) of drives with k laws under forces (n, k)."""
+        influence = self.at.law_influence[self.campaign.pose]
+        slopes = np.array([law.slopes[0] for law in laws])
+        return settle(laws, slopes, forces, influence).shift
+
     def find_rest_wrench(self, name: str) -> Array:
         """Return the unloaded wrench (n, 6) in an element at each reading's pose, own axes."""
-        carried = self.elastic_state.transmit_wrenches(name) @ self._dead
+        carried = self.elastic_state.transmit_wrenches(name) @ self.rest_loads
         return carried[self.campaign.pose]
 
     @cached_property
-    def _dead(self) -> Array:
+    def rest_loads(self) -> Array:
         """Permanent terminal loads (cases,)."""
         out = np.zeros(self.at.cases)
-        out[self.at.weight_case :] = self.gravity, 1.0
+        out[self.at.weight_case :] = self.gravity, float(self.weighs)
         return out
 
     def drive_force(self, drive: str) -> Array:
@@ -355,64 +398,49 @@ class RobotReadings(InstrumentReadings):
 
         Rounding is relative to the largest force of a kind: weights may far exceed applied forces.
         """
-        kind = self.campaign.kind.reshape(-1, *(1,) * (force.ndim - 1))
-        kinds = DEFLECTION, DEVIATION, POSITION
-        return sum(
-            (_sign(np.where(kind == each, force, 0.0)) for each in kinds), np.zeros(())
-        )
+        moved = np.where(self.is_motion, self.campaign.kind, -1)
+        kind = moved.reshape(-1, *(1,) * (force.ndim - 1))
+        kinds = np.unique(moved[moved >= 0]).tolist()
+        signs = (_sign(np.where(kind == each, force, 0.0)) for each in kinds)
+        return sum(signs, np.zeros(force.shape))
 
     @cached_property
     def weight(self) -> Array:
         """Change (n,) of the readings by the robot's own weight, except unknown zeros."""
-        c = self.campaign
-        out = np.zeros(len(c))
-        for k, mine in self.by_sensor(c.shows_rest):
-            motion = self.elastic_state.move_sensor(k)[
-                c.pose[mine], :, self.at.weight_case
-            ]
-            twist = self.at.robot.acceleration * motion
-            out[mine] = np.einsum(
-                "ni,ij,nj->n", self.axis[mine], self.instrument(k), twist
-            )
-        if (c.kind == STIFFNESS).any():
-            out = np.where(
-                c.kind == STIFFNESS, self.entries(self.at.weight_stiffness), out
-            )
-        if (c.kind == PUSH).any():
-            with_weight = np.linalg.inv(self.shown_stiffness + self.at.weight_stiffness)
-            out = np.where(
-                c.kind == PUSH, 1.0 / self.entries(with_weight) - self.pushes, out
-            )
+        return self.ask(lambda predictor, rows: predictor.weigh(self, rows))
+
+    def ask(self, question: Callable[[Predictor, Indices], Array]) -> Array:
+        """Return the answers (n, ...) of all readings' predictors for their rows (m,)."""
+        answers = [
+            (rows, question(predictor, rows)) for predictor, rows in self.at.predictors
+        ]
+        if len(answers) == 1:
+            return answers[0][1]
+        shape = answers[0][1].shape[1:] if answers else ()
+        out = np.zeros((len(self.campaign), *shape))
+        for rows, answer in answers:
+            out[rows] = answer
         return out
 
-    def at_modes(self, values: Array) -> Array:
-        """Return values (s, c) by pose and mode for frequency readings (n,); zero for others."""
-        out = np.zeros(len(self.campaign))
-        which, pose, mode = self._mode
-        out[which] = values[pose, mode]
-        return out
-
-    @cached_property
-    def _mode(self) -> tuple[Indices, Indices, Indices]:
-        """Rows of frequency readings, index into the poses with such, and mode from 0."""
+    def find_modes(self, rows: Indices) -> tuple[Indices, Indices]:
+        """Return indices (m,) into the poses with readings of modes, and modes (m,) from 0."""
         c = self.campaign
-        which = np.flatnonzero(c.kind == FREQUENCY)
-        pose = np.searchsorted(self.at.shaken, c.pose[which])
-        return which, pose, c.quantity[which] - FIRST_FREQUENCY
+        pose = np.searchsorted(self.at.shaken, c.pose[rows])
+        return pose, MODE_OF[c.quantity[rows]]
 
-    def applied_motion(self, moments: Array) -> Array:
-        """Return deflections (n,) by moments (n, 3) added to applied wrenches; else zero."""
+    def applied_motion(self, wrenches: Array) -> Array:
+        """Return deflections (n,) by wrenches (n, 6) added to the applied ones; else zero."""
         c = self.campaign
-        applied = self.is_motion & (self.campaign.kind != DEVIATION)
+        applied = self.is_motion & c.is_loaded
         out = np.zeros(len(c))
         for load in range(-1, len(c.loads)):
             cases = self.at.load_cases(load)
             for k, mine in self.by_sensor(applied & (c.load == load)):
-                motion = self.elastic_state.move_sensor(k)[c.pose[mine], :, cases][
-                    ..., 3:
-                ]
-                twist = np.einsum("nij,nj->ni", motion, moments[mine])
-                out[mine] = np.einsum("ni,ni->n", self.axis[mine], twist)
+                motion = self.elastic_state.move_sensor(k)[c.pose[mine], :, cases]
+                twist = np.einsum("nij,nj->ni", motion, wrenches[mine])
+                out[mine] = np.einsum(
+                    "ni,ij,nj->n", self.axis[mine], self.instrument(k), twist
+                )
         return out
 
 

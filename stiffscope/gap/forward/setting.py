@@ -6,17 +6,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import DEVIATION, PUSH
 from stiffscope.gap.effects.effect import Setting
+from stiffscope.gap.forward.load_chains import size_loads
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from stiffscope.gap.forward.elastic_state import ElasticState
-    from stiffscope.runtime.types import Array
+    from stiffscope.runtime.types import Array, Indices
 
 _USUAL = (2e-7, 2e-6)  # m/N, rad/(N·m): default for motions that are free or not read
 _ROUNDING = 1e-9  # relative
+_FEWEST = 3
+_MOST = 12  # sizes of loads of a set
 
 
 def find_setting(sound: ElasticState, suspect: Callable[[str], bool]) -> Setting:
@@ -32,7 +34,10 @@ def find_setting(sound: ElasticState, suspect: Callable[[str], bool]) -> Setting
     at = sound.at
     c = sound.at.campaign
     translation, rotation = np.split(np.einsum("pii->pi", sound.compliance), 2, axis=1)
-    moving = c.sensor[c.kind <= DEVIATION]
+    moving = c.sensor[c.is_displacement]
+    loaded = c.is_motion & np.nan_to_num(c.wrench).any(axis=1)
+    resting = c.at_tool & c.is_displacement & ~c.is_difference
+    forces = np.nan_to_num(c.wrench[loaded, :3]).any(axis=0)
     return Setting(
         at.robot,
         (_median(translation, _USUAL[0]), _median(rotation, _USUAL[1])),
@@ -41,10 +46,34 @@ def find_setting(sound: ElasticState, suspect: Callable[[str], bool]) -> Setting
             for b in at.mechanism.bodies
             if b.elastic is None
         },
-        bool(((c.sensor < 0) & (c.kind <= PUSH)).any()),
+        bool(c.at_tool.any()),
         {sensor.name: bool((moving == k).any()) for k, sensor in enumerate(c.sensors)},
         suspect,
+        tool_is_used=bool(c.at_tool.any() or (loaded & (c.load < 0)).any()),
+        tool_turns=bool((resting & (c.direction > 2)).any()),
+        forces=(bool(forces[0]), bool(forces[1]), bool(forces[2])),
+        load_values=_find_values(c.wrench[loaded], c.load[loaded]),
     )
+
+
+def _find_values(wrenches: Array, points: Indices) -> tuple[tuple[float, str], ...]:
+    """Return the sizes of loads and their unit where weights of a set are hung in one way.
+
+    That is where loads of at least three sizes act along one line at one point.
+    """
+    wrenches = np.nan_to_num(wrenches)
+    size = size_loads(wrenches)
+    along = np.round(wrenches / size[:, None], 5)
+    first = along[np.arange(len(along)), np.argmax(np.abs(along), axis=1)]
+    lines = np.column_stack([points, along * np.sign(first)[:, None]])
+    values: set[float] = set()
+    for line in np.unique(lines, axis=0):
+        here = {float(f"{v:.6g}") for v in size[(lines == line).all(axis=1)]}
+        values |= here if len(here) >= _FEWEST else set()
+    if len(values) > _MOST:
+        return ()
+    unit = "N" if wrenches[:, :3].any() else "N·m"
+    return tuple((value, unit) for value in sorted(values))
 
 
 def _median(compliances: Array, usual: float) -> float:

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, cast
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import DEVIATION, POSITION
 from stiffscope.gap.forward.placing import find_frame, find_outlying
 from stiffscope.vjm.model.screws import rotation_of
 
@@ -101,7 +100,7 @@ class Instruments:
     @cached_property
     def rows(self) -> Indices:
         """Rows (a,) of position and distance readings."""
-        return np.flatnonzero(self.campaign.kind == POSITION)
+        return np.flatnonzero(self.campaign.is_absolute)
 
     @cached_property
     def _looks(self) -> tuple[Array, Flags]:
@@ -142,7 +141,7 @@ class Instruments:
         """Index (n,) of each reading's unknown zero, -1 for none."""
         c = self.campaign
         unknown = np.array([s.zero == "session" for s in c.sensors] + [False])
-        free = unknown[c.sensor] & ((c.kind <= DEVIATION) | (c.kind == POSITION))
+        free = unknown[c.sensor] & c.is_motion
         out = np.full(len(c), -1)
         if free.any():
             key = np.stack([c.sensor, c.session], axis=1)[free]

@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import FREQUENCY, PUSH, STIFFNESS
+from stiffscope.gap.campaign.kinds import numbers_by_code
 from stiffscope.gap.effects.effect import Payload
-from stiffscope.vjm.model.checks import GROUND
+from stiffscope.gap.effects.elements import along_drive
+from stiffscope.vjm.model.checks import GROUND, TOOL
 from stiffscope.vjm.model.screws import skew
 from stiffscope.vjm.network.network import FOOT
 
@@ -25,10 +26,8 @@ if TYPE_CHECKING:
 
     Step = tuple[Influence, Influence, float]
 
-_SIGNS = np.array(
-    [1.0, 1.0, -1.0, -1.0, 0.0, 0.0]
-)  # of a displacement gain, by kind of reading
-_FORCE_SIGNS = np.array([1.0, 0.0, -1.0, -1.0, 0.0, 0.0])  # of a gain of applied forces
+_SIGNS = numbers_by_code(lambda kind: kind.gain_sign)
+_FORCE_SIGNS = numbers_by_code(lambda kind: kind.force_sign)
 
 
 def find_slopes(prediction: RobotReadings, steps: Sequence[Step]) -> Array:
@@ -58,20 +57,43 @@ def _of_others(prediction: RobotReadings, step: Step) -> Array:
         out += _of_payload(prediction, Payload(more.body, more.at, mass, moments))
     for drive, size in ahead.dead_zones.items():
         out += (size - behind.dead_zones[drive]) / width * prediction.dead_zone(drive)
+    for drive, knee in ahead.knees.items():
+        other = behind.knees[drive]
+        change = prediction.bent_by(drive, knee) - prediction.bent_by(drive, other)
+        out += change / width
+    for drive, size in ahead.frictions.items():
+        now = sum(each.frictions.get(drive, 0.0) for each in prediction.influences)
+        half = 0.5 * (size - behind.frictions[drive])
+        near = max(half, half - now)  # forward where the drive has none
+        changes = [
+            prediction.yield_to_friction(drive, near + s * half) for s in (1, -1)
+        ]
+        out += (changes[0] - changes[1]) / width
     for name, turn in ahead.turns.items():
         out += _of_turn(prediction, name, (turn - behind.turns[name]) / width)
     for name, gain in ahead.gains.items():
         rate = (gain - behind.gains[name]) / width / prediction.gain_of(name)
         out += (
             rate
-            * _SIGNS[c.kind]
+            * _SIGNS[c.quantity]
             * prediction.plain_readings
             * prediction.shown_by(name)
         )
+    wrench = prediction.true_wrench
+    if ahead.leak is not None and behind.leak is not None:
+        rate = (ahead.leak - behind.leak) / width
+        moment = np.zeros_like(wrench[:, 3:])
+        out -= prediction.applied_motion(np.hstack([wrench[:, :3] @ rate.T, moment]))
+    for value, growth in ahead.load_gains.items():
+        now = 0.5 * (growth + behind.load_gains[value])
+        rate = (growth - behind.load_gains[value]) / width / (1.0 + now)
+        share = rate * prediction.has_size(value)[:, None]
+        out += prediction.applied_motion(share * wrench)
     if ahead.force_gain != behind.force_gain:
         rate = (ahead.force_gain - behind.force_gain) / width / prediction.force_scale
         out += rate * (
-            _FORCE_SIGNS[c.kind] * prediction.plain_readings + prediction.pushed_targets
+            _FORCE_SIGNS[c.quantity] * prediction.plain_readings
+            + prediction.pushed_targets
         )
     return out
 
@@ -93,15 +115,47 @@ def _of_elements(prediction: RobotReadings, steps: Sequence[Step]) -> Array:
         read, applied = prediction.find_wrenches(name)
         mine, rates = _find_rates(steps, name, "compliance")
         if len(mine):
+            applied = _relieve(prediction, name, applied)
             work = (read[:, :, None] * applied[:, None, :]).reshape(len(c), -1)
             out[:, mine] += work @ rates.reshape(len(mine), -1).T
         mine, rates = _find_rates(steps, name, "offset")
         if len(mine):
             out[:, mine] += still * read @ rates.T
+            if name == TOOL:
+                out[:, mine] += _of_shifted_tool(prediction, rates)
         mine, rates = _find_rates(steps, name, "astray")
         if len(mine):
             turned = read[:, None] @ _turn_about(prediction, name)[c.pose]
             out[:, mine] += still * turned[:, 0] @ rates.T
+    return out
+
+
+def _relieve(prediction: RobotReadings, name: str, wrench: Array) -> Array:
+    """Return the wrenches (n, 6) on an element without what friction beside its spring holds."""
+    if not any(name in each.frictions for each in prediction.influences):
+        return wrench
+    axis = along_drive(prediction.at.robot.driven[name])
+    return wrench - prediction.held_by(name)[:, None] * axis
+
+
+def _of_shifted_tool(prediction: RobotReadings, shifts: Array) -> Array:
+    """Return derivatives (n, k) of motions and stiffnesses at M by shifts (k, 6) of M on its body.
+
+    A shift s moves M by ``ω × s`` where the tool turns, and gives a force F the moment ``s × F``:
+    both terms of ``a · D b`` gain the moment of their own force.
+    """
+    c = prediction.campaign
+    turn = prediction.elastic_state.places.rotation[prediction.at.mechanism.tool.body]
+    turn = np.broadcast_to(turn, (len(c.poses), 3, 3))[c.pose]
+    pairs = zip(
+        (prediction.drive, prediction.sense), prediction.at_terminals, strict=True
+    )
+    forces, twists = zip(*((load[:, :3], twist) for load, twist in pairs), strict=True)
+    out = np.zeros((len(c), len(shifts)))
+    for k, shift in enumerate(shifts):
+        away = turn @ shift[:3]
+        for force, twist in zip(forces, twists, strict=True):
+            out[:, k] += np.einsum("ni,ni->n", np.cross(away, force), twist[:, 3:])
     return out
 
 
@@ -148,20 +202,14 @@ def _of_payload(prediction: RobotReadings, payload: Payload) -> Array:
     """Return derivatives (n,) by a payload's weight, and by its inertia for frequencies."""
     c = prediction.campaign
     elastic = prediction.elastic_state
-    at = prediction.at
     along = elastic.work_on_node(payload.body, elastic.weights([payload]))[
         ..., 0
     ]  # (p, cases)
-    out = np.where(
-        c.shows_rest, np.einsum("nc,nc->n", prediction.sense, along[c.pose]), 0.0
+    work = np.einsum("nc,nc->n", prediction.sense, along[c.pose])
+    work = work if prediction.weighs else 0.0 * work
+    return prediction.ask(
+        lambda predictor, rows: predictor.load(prediction, rows, payload, work[rows])
     )
-    if (c.kind == FREQUENCY).any():
-        v, w = np.split(elastic.twist_modes(payload.body, payload.at), 2, axis=1)
-        arm = at.configurations.frame(payload.body)[0][at.shaken] @ payload.moments
-        turned = np.cross(w, arm[..., None], axis=1)
-        rate = payload.mass * np.square(v).sum(axis=1) + 2.0 * (v * turned).sum(axis=1)
-        out += prediction.at_modes(-0.5 * elastic.frequencies * rate)
-    return out
 
 
 def _of_turn(prediction: RobotReadings, name: str, rate: Array) -> Array:
@@ -170,16 +218,8 @@ def _of_turn(prediction: RobotReadings, name: str, rate: Array) -> Array:
     shown = prediction.shown_by(name)
     turn = np.kron(np.eye(2), np.cross(rate, np.eye(3)).T)
     out = np.zeros(len(c))
-    for k, mine in prediction.by_sensor(shown & prediction.is_motion):
-        looked = np.einsum(
-            "ni,ij,nj->n", prediction.axis[mine], turn, prediction.twist[mine]
-        )
-        out[mine] = prediction.gain(k) * looked
-    back = turn @ np.linalg.inv(prediction.instrument(-1)) * prediction.gain(-1)
-    if shown[c.kind == STIFFNESS].any():
-        change = prediction.entries(-prediction.shown_stiffness @ back)
-        out = np.where(c.kind == STIFFNESS, change, out)
-    if shown[c.kind == PUSH].any():
-        change = prediction.entries(back @ prediction.shown_compliance)
-        out = np.where(c.kind == PUSH, -(prediction.pushes**2) * change, out)
+    for predictor, rows in prediction.at.predictors:
+        turned = rows[shown[rows]]
+        if turned.size:
+            out[turned] = predictor.turn(prediction, turned, turn)
     return out

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.gap.campaign.campaign import AT_TOOL
+from stiffscope.gap.campaign.kinds import CODE_ALONG
 from stiffscope.gap.campaign.quantities import DEFLECTION, DEVIATION, label_pose
 from stiffscope.gap.forward.robot_at_poses import configure_robot
 
@@ -66,7 +67,7 @@ def plan_trial(
         poses=poses,
         pose=np.repeat(np.arange(len(poses)), rows),
         wrench=wrench,
-        quantity=6 * np.where(still, DEVIATION, DEFLECTION) + direction,
+        quantity=CODE_ALONG[np.where(still, DEVIATION, DEFLECTION), direction],
         value=np.zeros(n),
         sigma=np.ones(n),
         session=np.zeros(n),
@@ -145,7 +146,7 @@ def _trial_loads(c: Campaign) -> list[tuple[int, Array]]:
     """Return loads and wrenches (6,): none, and each loaded axis at its largest."""
     out: list[tuple[int, Array]] = [(AT_TOOL, np.zeros(6))]
     for load in range(AT_TOOL, len(c.loads)):
-        wrench = np.nan_to_num(c.wrench[(c.kind == DEFLECTION) & (c.load == load)])
+        wrench = np.nan_to_num(c.wrench[c.is_difference & (c.load == load)])
         largest = np.abs(wrench).max(axis=0) if len(wrench) else np.zeros(6)
         out += [(load, row) for row in np.diag(largest) if row.any()]
     if len(out) == 1:

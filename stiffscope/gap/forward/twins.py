@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.gap.effects.drives import Backlash
 from stiffscope.gap.effects.links import LinkStiffness
 
 if TYPE_CHECKING:
@@ -46,7 +45,7 @@ def merge_twins(
     an implausible mass. Candidates that change no reading are dropped.
     """
     candidates = [c for c in given if not c.scale or _shows(c, prediction)]
-    singles = [c for c in candidates if len(c.scale) == 1 and c.effect != Backlash.word]
+    singles = [c for c in candidates if len(c.scale) == 1 and c.merges]
     if not singles:
         return tuple(candidates)
     columns = np.hstack([prediction.columns(c) for c in singles])

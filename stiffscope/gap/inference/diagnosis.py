@@ -50,6 +50,17 @@ class Effect:
 
 
 @dataclass(frozen=True)
+class DriveStiffness:
+    """Stiffness of a drive with everything that was found, N/m or N·m/rad."""
+
+    stated: float
+    value: float
+    sigma: float
+    """Standard uncertainty; NaN if the readings do not show the drive."""
+    seen: bool
+
+
+@dataclass(frozen=True)
 class Possible:
     """An effect that may be present, without certainty."""
 
@@ -171,6 +182,8 @@ class Diagnosis:
     """Effects and signature correlations (1: indistinguishable from these readings)."""
     possible: tuple[Possible, ...] = ()
     """Effects that are merely possible besides the named ones."""
+    drives: dict[str, DriveStiffness] = field(default_factory=dict[str, DriveStiffness])
+    """Resulting stiffness of each drive, by joint; set and member multiplied out."""
     sensitivity: tuple[Sensitivity, ...] = ()
     held_out_check: HeldOut | None = None
     samples: Samples | None = field(default=None, repr=False, compare=False)

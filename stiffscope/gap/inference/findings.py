@@ -9,10 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.gap.campaign.copies import find_copies
 from stiffscope.gap.inference.fitting import Problem
 from stiffscope.gap.inference.hypothesis import forms_of, join_values
 from stiffscope.gap.inference.residuals import percent_rms
 from stiffscope.gap.inference.search import Search
+from stiffscope.gap.inference.settings import VERDICT
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -26,13 +28,12 @@ if TYPE_CHECKING:
 
 
 CONFIDENT = 0.9  # least probability of a certain effect or group
-CONFUSED = 2  # most other effects listed as indistinguishable
+CONFUSED = (
+    2  # other effects listed as indistinguishable, unless more make the group certain
+)
 COMPETING = 0.02  # least probability of a competing hypothesis over that of the best
 IMITATING = 3.0  # most ln evidence behind the best set to mention a pattern
 NEAR = 40.0  # ln-odds within which another prior may change the order
-COPIES = (
-    0.9  # least fraction of repetitions with equal values that are regarded as copies
-)
 
 
 @dataclass(frozen=True)
@@ -172,14 +173,15 @@ class Findings:
             for c in self.imitating_patterns.get(name, ())
             if c.like == own.effect
         ]
-        listed = list(dict.fromkeys([*listed, *elsewhere]))[: CONFUSED + 1]
+        most = max(len(listed), CONFUSED + 1)
+        listed = list(dict.fromkeys([*listed, *elsewhere]))[:most]
         same = {self.problem.find_cause(each) for each in listed}
         aliases = (
             a
             for a in (*own.aliases, *self.problem.causes)
             if self.problem.find_cause(a) in same
         )
-        others = tuple(dict.fromkeys([*listed, *aliases]))[1 : CONFUSED + 1]
+        others = tuple(dict.fromkeys([*listed, *aliases]))[1:most]
         whole = self.at_work(
             [name, *others]
         )  # what there is no place for is not part of it
@@ -262,7 +264,9 @@ class Findings:
             name for other in rest for name in self._in_place_of.get(other, ())
         }
         elsewhere -= {*self._in_place_of.get(own.name, ()), *own.signature_of}
-        while len(listed) <= CONFUSED and by.at_work(listed) < enough:
+        while len(listed) < VERDICT.listed and by.at_work(listed) < enough:
+            if len(listed) > CONFUSED and by.at_work(listed) >= CONFIDENT:
+                break  # more than three only where three are not certain
             known = {self.problem.find_cause(each) for each in listed}
             gains: dict[str, float] = {}
             for h, p in by.ranked:
@@ -353,6 +357,10 @@ class Findings:
         """Return derivatives (n, k) of a hypothesis's predictions in standard deviations."""
         return hypothesis.slopes * self._residual_weights[:, None]
 
+    def whiten(self, columns: Array) -> Array:
+        """Return derivatives (n, k) over the stated sigma in standard deviations."""
+        return columns * self._residual_weights[:, None]
+
     def chi2(self, hypothesis: Hypothesis) -> float:
         """Return χ² over the readings used."""
         return float(np.sum(self.residual(hypothesis)[self.used_readings] ** 2))
@@ -363,8 +371,13 @@ class Findings:
         return percent_rms(self.campaign, model, self.sigma, self.used_readings)
 
     def held_out_residual(self, hypothesis: Hypothesis) -> Array:
-        """Return residuals (n,) over sigma with each pose held out, by one linear step."""
+        """Return residuals (n,) over sigma with each pose held out, by one linear step.
+
+        NaN at one pose, which nothing predicts.
+        """
         out = self.residual(hypothesis).copy()
+        if len(self.campaign.pose_names) == 1:
+            return np.full(len(out), np.nan)
         for pose in range(len(self.campaign.pose_names)):
             here = self.used_readings & (self.campaign.pose == pose)
             if here.any():
@@ -379,7 +392,7 @@ class Findings:
         scores = list[float]()
         for pose in range(len(self.campaign.pose_names)):
             here = self.campaign.pose == pose
-            if (told & here).any():
+            if (told & here).any() and not np.isnan(residual).all():
                 used = self.used_readings & here
                 scores.append(percent_rms(self.campaign, model, self.sigma, used))
         return float(np.mean(scores)) if scores else float("nan")
@@ -442,31 +455,7 @@ def _rank(
 
 def _without_copies(c: Campaign, noise: Noise) -> Noise:
     """Return the noise with duplicated readings excluded."""
-    once, remark = copies(c)
+    once, remark = find_copies(c)
     if not remark:
         return noise
     return replace(noise, used=noise.used & once, remarks=(*noise.remarks, remark))
-
-
-def copies(c: Campaign) -> tuple[Flags, str]:
-    """Return which readings (n,) are not copies, and a remark; empty if there are no copies."""
-    words = [c.pose, c.quantity, c.sensor, c.load, c.session]
-    cell = np.column_stack([*words, np.nan_to_num(c.wrench), np.nan_to_num(c.sigma)])
-    read = np.flatnonzero(~np.isnan(c.value))  # empty cells of a plan are not readings
-    whole = np.column_stack([cell, c.value])[read]
-    repeated = len(read) - len(np.unique(cell[read], axis=0))
-    first = np.unique(whole, axis=0, return_index=True)[1]
-    count = len(read) - len(first)
-    once = np.ones(len(c), dtype=np.bool_)
-    if not count or count < COPIES * repeated:
-        return once, ""
-    once[read] = False
-    once[read[first]] = True
-    k = int(np.flatnonzero(~once[read])[0])
-    same = first[int(np.flatnonzero((whole[first] == whole[k]).all(axis=1))[0])]
-    where = c.where(int(read[k]))
-    other = c.where(int(read[same]))
-    return (
-        once,
-        f"{count} readings repeat others exactly and count once: {where} is {other}",
-    )

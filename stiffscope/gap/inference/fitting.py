@@ -158,7 +158,7 @@ class Problem:
             max(self._form_counts[self.find_cause(name)], 1)
             for name in candidate.signature_of
         ]
-        return self.odds / len(counts) / places
+        return candidate.odds * self.odds / len(counts) / places
 
     def weigh_twins(self, candidate: Candidate, hypothesis: Hypothesis) -> Array:
         """Return odds (t,) of an effect and its twins, given the parameters of a hypothesis.

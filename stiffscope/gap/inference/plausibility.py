@@ -19,7 +19,7 @@ SIGNIFICANT = (
 )
 _DISTANCES = np.linspace(0.05, 1.0, 20) * SIGNIFICANT
 _SENSIBLE = (
-    100.0  # times its range: largest uncertainty of a parameter that says anything
+    3.0  # times its range: largest uncertainty of a parameter that says anything
 )
 
 
@@ -88,7 +88,12 @@ def find_plausible(hypothesis: Hypothesis) -> tuple[Array, float] | None:
     that value. None if the fit is plausible, or if none of these are.
     """
     candidates = hypothesis.candidates
-    wrong = [c for c in candidates if c.couplings and implausible(c, hypothesis)]
+    wrong = [
+        c
+        for c, own in hypothesis.parameters
+        if c.couplings
+        and not all(plausible(c, c.physical(np.array(own)), np.zeros(len(c.names))))
+    ]
     for j in (
         np.flatnonzero(hypothesis.mark(lambda c: c in wrong) & positive_of(candidates))
         if wrong

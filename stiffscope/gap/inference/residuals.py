@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import AXES, FREQUENCY, POSITION
+from stiffscope.gap.campaign.kinds import CHANNEL_OF, INSTRUMENTS, KINDS
+from stiffscope.gap.campaign.quantities import AXES
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -51,17 +52,18 @@ def split_by_kind(campaign: Campaign) -> dict[str, tuple[str, Flags]]:
     c = campaign
     ranged = np.array([s.measures == "distance" for s in c.sensors] + [False])[c.sensor]
     turns = c.direction >= len(AXES) // 2
-    stiff = c.relative & (c.kind != FREQUENCY)
-    kinds: dict[str, tuple[str, Flags]] = {
-        "displacement": ("m", c.is_motion & (c.kind != POSITION) & ~turns),
-        "rotation": ("rad", c.is_motion & turns),
-        "position": ("m", (c.kind == POSITION) & ~ranged),
-        "distance": ("m", (c.kind == POSITION) & ranged),
-        "stiffness": ("N/m", stiff & ~turns),
-        "rotational stiffness": ("N·m/rad", stiff & turns),
-        "frequency": ("Hz", c.kind == FREQUENCY),
-    }
-    return {name: (unit, mine) for name, (unit, mine) in kinds.items() if mine.any()}
+    out: dict[str, tuple[str, Flags]] = {}
+    none = np.zeros(len(c), dtype=np.bool_)
+    motions_first = sorted(range(len(KINDS)), key=lambda k: not KINDS[k].is_motion)
+    for number in motions_first:
+        kind = KINDS[number]
+        parts = (~turns & ~ranged, turns & ~ranged, ranged)
+        for name, turned, part in zip(kind.gaps, (0, 1, 0), parts, strict=True):
+            before = out.get(name, ("", none))[1]
+            mine = before | ((c.kind == number) & part)
+            if mine.any():
+                out[name] = kind.unit(turns=bool(turned)), mine
+    return out
 
 
 def rms_by_kind(
@@ -83,9 +85,12 @@ def rms_by_kind(
 
 def by_direction(campaign: Campaign, normalized: Array) -> dict[str, float]:
     """Return shares of Σ(r/σ)² by (nearest) direction and for frequencies; residuals (n,) in σ."""
-    shaken = campaign.kind == FREQUENCY
-    names = (*AXES, "f") if shaken.any() else AXES
-    return _shares(names, np.where(shaken, len(AXES), campaign.direction), normalized)
+    which = CHANNEL_OF[campaign.quantity]
+    shares = _shares((*AXES, *INSTRUMENTS), which, normalized)
+    idle = set(range(len(AXES), len(shares))) - set(which.tolist())
+    return {
+        name: share for k, (name, share) in enumerate(shares.items()) if k not in idle
+    }
 
 
 def by_sensor(campaign: Campaign, normalized: Array) -> dict[str, float]:

@@ -2,25 +2,24 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from itertools import combinations, permutations
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from stiffscope.gap.inference.findings import CONFIDENT
 from stiffscope.gap.inference.lack_of_fit import lack_of_fit, model_errors
 from stiffscope.gap.inference.plausibility import implausible
+from stiffscope.gap.inference.settings import VERDICT
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Mapping, Sequence
 
     from stiffscope.gap.forward.forward_model import Candidate
     from stiffscope.gap.inference.findings import Findings, Group
     from stiffscope.gap.inference.hypothesis import Hypothesis
-
-MAJORITY = 0.5  # least probability of no gap, and of known effects in a group
-FEW = 3  # least readings per parameter for an identification
-POSSIBLE = 0.02  # least probability of an effect listed as possible
-MENTIONED = 3  # most patterns mentioned as substitutes of an effect
+    from stiffscope.runtime.types import Array
 
 
 @dataclass(frozen=True)
@@ -33,13 +32,15 @@ class Judgement:
     hypothesis: Hypothesis
     """Hypothesis of exactly these effects."""
     remarks: tuple[str, ...]
+    alike: Mapping[str, tuple[str, ...]] = field(default_factory=dict[str, Any])
+    """Causes along the line of an effect, by its name, that fit the readings as well."""
 
 
 def judge_findings(found: Findings) -> Judgement:
     """Return the verdict.
 
-    An effect is certain if it, or its group of at most three, has the probability `CONFIDENT`,
-    mostly by known effects and by the readings rather than prior odds, and plausible parameters.
+    An effect is certain if it, or its group, has the probability `CONFIDENT`, mostly by known effects
+    and by the readings rather than prior odds, plausible parameters, and explains part of the gap.
     None is if the likeliest set, or its certain effects, leave a greater χ² than no effect. With
     certain effects the verdict is "identified" if they reduce the gap to the noise, and "partly"
     if not or if a nuisance pattern is also certain; without, "no-gap" or "unexplained", if the gap
@@ -50,7 +51,7 @@ def judge_findings(found: Findings) -> Judgement:
     none = found.none
     wrong = {c.name: implausible(c, found.best) for c in best.words}
     strange = [text for texts in wrong.values() for text in texts]
-    unnamed = sorted(c.place for c in best.candidates if c.is_nuisance)
+    unnamed = sorted(c.describe(v) for c, v in best.parameters if c.is_nuisance)
     if unnamed:
         strange.append(
             f"the readings follow {', '.join(unnamed)}, outside the known effects"
@@ -65,6 +66,7 @@ def judge_findings(found: Findings) -> Judgement:
     unsettled = [
         f"{found.find_instead(name)} fits about as well as {name}" for name in favoured
     ]
+    certain = _keep_explaining(found, certain)
     kept = found.fit_effects(certain)
     before = found.chi2(none)
     other = found.fit_named(certain)
@@ -77,7 +79,7 @@ def judge_findings(found: Findings) -> Judgement:
         kept = none
     count = int(found.used_readings.sum())
     parameters = len(kept.values)
-    few = count < FEW * (parameters + 1)
+    few = count < VERDICT.few * (parameters + 1)
     if few:
         unsettled.append(
             f"{count} readings are too few to identify {parameters} parameters"
@@ -95,25 +97,29 @@ def judge_findings(found: Findings) -> Judgement:
             )
         return Judgement("ambiguous", known.words, known, tuple(unsettled))
     alone = sum(p for h, p in found.ranked if not h.words)
-    if alone > MAJORITY or not best.words or strange:
+    if found.problem.noise.scaled.any() and alone <= VERDICT.majority and strange:
+        return Judgement("unexplained", (), none, tuple(strange))  # of unknown noise
+    if alone > VERDICT.majority or not best.words or strange:
         return Judgement("no-gap", (), none, tuple(strange))
     known = found.fit_effects(best.words)
     return Judgement("ambiguous", known.words, known, tuple(unsettled))
 
 
 def settle_verdict(
-    found: Findings, judgement: Judgement, others: dict[str, Findings]
+    found: Findings, judgement: Judgement, others: dict[str, tuple[Findings, str]]
 ) -> Judgement:
-    """Return the verdict, or "ambiguous" if an effect is replaced under another prior.
+    """Return the verdict, or "ambiguous" if it rests on the prior, or on the number of parameters.
 
     Parameters
     ----------
     found, judgement
         A search and its verdict.
     others
-        The same hypotheses under other priors, by description of the prior.
+        The same hypotheses under other priors and their verdicts, by description of the prior.
     """
-    for prior, other in others.items() if judgement.verdict == "identified" else ():
+    if judgement.verdict != "identified":
+        return judgement
+    for prior, (other, verdict) in others.items():
         names = [c.name for c in judgement.effects]
         lost = [
             name
@@ -125,10 +131,21 @@ def settle_verdict(
             text = (
                 f"not {' and '.join(lost)} but {instead} is most probable with {prior}"
             )
-            return replace(
-                judgement, verdict="ambiguous", remarks=(*judgement.remarks, text)
-            )
-    return judgement
+        elif verdict in {"ambiguous", "unexplained", "no-gap"}:
+            text = f"with {prior} the verdict is {verdict}"
+        else:
+            continue
+        remarks = (*judgement.remarks, text)
+        return replace(judgement, verdict="ambiguous", remarks=remarks)
+    alike = find_alike(found, judgement.hypothesis)
+    if not alike:
+        return judgement
+    texts = (
+        f"{' or '.join(others)} fits as well as {name}"
+        for name, others in alike.items()
+    )
+    remarks = (*judgement.remarks, *texts)
+    return replace(judgement, verdict="ambiguous", remarks=remarks, alike=alike)
 
 
 def _judge(
@@ -164,9 +181,113 @@ def _judge(
     return Judgement(verdict, kept.words, kept, remarks)
 
 
+def _keep_explaining(found: Findings, certain: Sequence[Candidate]) -> list[Candidate]:
+    """Return the effects that explain part of the gap with plausible parameters."""
+    left = list(certain)
+    while left:
+        whole = found.fit_effects(left)
+        weak = [
+            c
+            for c in left
+            if _explains_little(found, whole, c) or implausible(c, whole)
+        ]
+        if not weak:
+            break
+        least = min(weak, key=lambda c: _gain(found, whole, c))
+        left.remove(least)
+    return left
+
+
+def _gain(found: Findings, whole: Hypothesis, candidate: Candidate) -> float:
+    """Return the χ² that an effect explains beside the others of a hypothesis."""
+    rest = found.fit_effects(c for c in whole.candidates if c is not candidate)
+    return found.chi2(rest) - found.chi2(whole)
+
+
+def _explains_little(found: Findings, whole: Hypothesis, candidate: Candidate) -> bool:
+    """Return whether an effect explains little, of the gap and of what the others leave."""
+    rest = found.fit_effects(c for c in whole.candidates if c is not candidate)
+    alone = found.fit_effects([candidate])
+    gap = _excess(found, found.none)
+    shares = (
+        1.0 - _excess(found, after) / max(_excess(found, before), 1e-300)
+        for before, after in ((rest, whole), (found.none, alone))
+    )
+    together = 1.0 - _excess(found, whole) / max(gap, 1e-300)
+    return max(shares) < VERDICT.explains or together < VERDICT.explains
+
+
+def _excess(found: Findings, hypothesis: Hypothesis) -> float:
+    """Return the gap beyond the noise, in standard deviations of all readings."""
+    count = int(found.used_readings.sum())
+    return float(np.sqrt(max(found.chi2(hypothesis) - count, 0.0)))
+
+
+def find_alike(found: Findings, kept: Hypothesis) -> dict[str, tuple[str, ...]]:
+    """Return known causes along the line of each effect of a hypothesis that fit as well, by name.
+
+    A drive and the guide, screw or bearing in series with it yield at every pose in proportion:
+    one parameter of the other changes the readings as the effect does, and fewer parameters are
+    no reason to prefer it.
+    """
+    out: dict[str, tuple[str, ...]] = {}
+    library = found.problem.library_at(kept)
+    used = found.used_readings
+    for c in kept.words:
+        own = kept.mark(lambda other, c=c: other is c)
+        if not own.any() or c.flexible:
+            continue
+        beside = found.slopes(kept)[used][:, ~own]
+        basis = np.linalg.qr(beside)[0] if beside.shape[1] else beside
+        change = found.slopes(kept)[used][:, own] @ kept.values[own]
+        change = change - basis @ (basis.T @ change)
+        names: list[str] = []
+        grouped = found.group(c.name).others
+        for other in library.candidates:
+            if other.name in grouped or not _may_replace(found, kept, c, other):
+                continue
+            columns = found.whiten(library.differentiate(other))[used]
+            columns = columns - basis @ (basis.T @ columns)
+            if _left_by_one(change, columns, other) > VERDICT.alike:
+                continue
+            instead = [other if each is c else each for each in kept.candidates]
+            fitted = found.fit_effects(instead)
+            ahead = found.chi2(fitted) - found.chi2(kept)
+            if ahead <= VERDICT.alike and not implausible(other, fitted):
+                names.append(other.name)
+        if names:
+            out[c.name] = tuple(dict.fromkeys(names))
+    return out
+
+
+def _may_replace(
+    found: Findings, kept: Hypothesis, candidate: Candidate, other: Candidate
+) -> bool:
+    """Return whether another known effect, of parameters that act alone, may stand in its place."""
+    if other.is_nuisance or other.flexible or not other.scale or other.groups:
+        return False
+    same = found.problem.find_cause(other.name) == found.problem.find_cause(
+        candidate.name
+    )
+    if same or other.name in {*candidate.signature_of, *kept.names}:
+        return False
+    rest = [c for c in kept.candidates if c is not candidate]
+    return found.model.admits((*rest, other))
+
+
+def _left_by_one(change: Array, columns: Array, other: Candidate) -> float:
+    """Return the least χ² that one parameter of an effect leaves of a change (n,) of readings."""
+    square = np.einsum("nk,nk->k", columns, columns)
+    along = change @ columns
+    if other.positive:
+        along = np.maximum(along, 0.0)
+    taken = np.divide(along**2, square, out=np.zeros(len(square)), where=square > 0.0)
+    return float(change @ change - taken.max(initial=0.0))
+
+
 def _certain(group: Group) -> bool:
     """Return whether a group is certain, and known effects are more likely than not."""
-    return group.doubted >= CONFIDENT and group.known > MAJORITY
+    return group.doubted >= CONFIDENT and group.known > VERDICT.majority
 
 
 def _pattern_beside(found: Findings, kept: Hypothesis) -> bool:
@@ -180,7 +301,7 @@ def _imitations(found: Findings, names: frozenset[str]) -> Iterator[str]:
     """Yield remarks on nuisance patterns that fit nearly as well as named effects."""
     for name, patterns in found.imitating_patterns.items():
         if name in names:
-            places = " or ".join(c.place for c in patterns[:MENTIONED])
+            places = " or ".join(c.place for c in patterns[: VERDICT.mentioned])
             yield f"{places} would explain the readings nearly as well as {name}"
 
 
@@ -228,7 +349,7 @@ def shares(found: Findings, hypothesis: Hypothesis) -> dict[str, float]:
 def doubtful(found: Findings, named: tuple[Candidate, ...]) -> list[tuple[str, float]]:
     """Return possible effects, `effect @ place`, besides the named groups, with probabilities.
 
-    Each has a probability, given or with equal odds of all effects, of at least `POSSIBLE`.
+    Each has a probability, given or with equal odds of all effects, of at least `VERDICT.possible`.
     """
     groups: list[Group] = [found.group(c.name) for c in named]
     known = {c.name for c in named} | {
@@ -237,7 +358,7 @@ def doubtful(found: Findings, named: tuple[Candidate, ...]) -> list[tuple[str, f
     names = {n for h in found.hypotheses for c in h.words for n in c.signature_of}
     likely = {n: found.compute_probability(n) for n in names - known}
     even = found.doubted.compute_probability
-    open_ones = (n for n, p in likely.items() if max(p, even(n)) >= POSSIBLE)
+    open_ones = (n for n, p in likely.items() if max(p, even(n)) >= VERDICT.possible)
     return sorted(
         ((n, likely[n]) for n in open_ones), key=lambda item: (-item[1], item[0])
     )

@@ -21,7 +21,7 @@ from stiffscope.gap.campaign.template import (
     write_plan,
 )
 from stiffscope.gap.forward.robot_model import RobotModel
-from stiffscope.gap.inference.verdict import FEW
+from stiffscope.gap.inference.settings import VERDICT
 from stiffscope.gap.planning.reading_choice import Pair, choose_readings, judge_pairs
 from stiffscope.robot.file.sections import ElasticBody
 from stiffscope.runtime.output import scratch_folder
@@ -108,7 +108,7 @@ def propose_plan(
     pairs = _pair_up(model, known, sides)
     told = list(compress(pairs, judge_pairs(pairs, range(len(campaign))) >= AMPLE))
     asked = [known[name] for name in dict.fromkeys([*sides[0], *sides[1]])]
-    least = FEW * (1 + max(len(c.scale) for c in asked))
+    least = VERDICT.few * (1 + max(len(c.scale) for c in asked))
     rows = choose_readings(told, offer.settings, ENOUGH, min(least, len(campaign)))
     if not rows:
         expected = "expected causes that these instruments can distinguish"

@@ -8,7 +8,7 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.campaign import AT_TOOL
-from stiffscope.gap.campaign.quantities import DEVIATION, QUANTITIES
+from stiffscope.gap.campaign.kinds import KIND_OF, KINDS, QUANTITY
 from stiffscope.gap.forward.forward_model import join_columns
 from stiffscope.gap.inference.diagnosis import NextMeasurement
 
@@ -70,10 +70,10 @@ def _describe(
     pose, code, load = (int(each[row]) for each in (c.pose, c.quantity, c.load))
     if np.isnan(c.poses).any():
         return NextMeasurement(
-            separates, gain, pose=c.pose_names[pose], quantity=QUANTITIES[code]
+            separates, gain, pose=c.pose_names[pose], quantity=QUANTITY[code].name
         )
     read = np.unique(c.sensor[rows])
-    kind = "deviation" if code // 6 == DEVIATION else "deflection"
+    kind = KINDS[KIND_OF[code]].name
     return NextMeasurement(
         separates,
         gain,
@@ -82,7 +82,7 @@ def _describe(
         if np.isnan(c.wrench[row]).any()
         else tuple(float(w) for w in c.wrench[row]),
         None,
-        kind if len(rows) > 1 else QUANTITIES[code],
+        kind if len(rows) > 1 else QUANTITY[code].name,
         tuple(c.sensors[int(k)].name for k in read if k != AT_TOOL) or None,
         None if load == AT_TOOL or not c.wrench[row].any() else c.loads[load].name,
     )

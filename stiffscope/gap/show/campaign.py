@@ -7,15 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.gap.campaign.quantities import (
-    DEFLECTION,
-    DEVIATION,
-    FREQUENCY,
-    KINDS,
-    POSITION,
-    WRENCH,
-)
-from stiffscope.gap.inference.findings import copies
+from stiffscope.gap.campaign.copies import find_copies
+from stiffscope.gap.campaign.kinds import KINDS
+from stiffscope.gap.campaign.quantities import WRENCH
 from stiffscope.gap.planning.candidates import ENOUGH
 from stiffscope.report.numbers import coordinates, pose_values
 from stiffscope.report.page import Section
@@ -42,7 +36,7 @@ PICTURES = {
     "last_pose.png": "The robot at the last pose",
 }
 """Files written by `draw_sensors`, with their captions."""
-_PLURAL = {"frequency": "frequencies", "stiffness": "stiffnesses", "push": "pushes"}
+_PLURAL = {kind.name: kind.plural for kind in KINDS}
 _SHOWN = 24
 _PAIRS = 12  # rows shown in a table; further rows are only counted
 
@@ -108,7 +102,7 @@ def campaign_json(
     """Return the campaign as read, as plain data in SI units."""
     c = campaign
     largest = np.abs(np.nan_to_num(c.wrench)).max(axis=0, initial=0.0)
-    counts = ((name, int((c.kind == k).sum())) for k, name in enumerate(KINDS))
+    counts = ((kind.name, int((c.kind == k).sum())) for k, kind in enumerate(KINDS))
     loads = {}
     for k, load in enumerate(c.loads):
         count = int((c.load == k).sum())
@@ -127,7 +121,7 @@ def campaign_json(
             zip(c.session_names, np.bincount(c.session).tolist(), strict=True)
         ),
         "without_sigma": int(np.isnan(c.sigma).sum()),
-        "copies": copies(c)[1] or None,
+        "copies": find_copies(c)[1] or None,
         "remarks": [asdict(remark) for remark in remarks],
         "channels": _channels(c),
         "sensors": {s.name: _sensor(c, k) for k, s in enumerate(c.sensors)},
@@ -168,7 +162,7 @@ def _channels(c: Campaign) -> list[dict[str, Any]]:
         out.append(
             {
                 "reads": reads,
-                "kind": KINDS[kind],
+                "kind": KINDS[kind].name,
                 "count": len(mine),
                 "unit": _unit(c, mine[0]),
                 "low": low,
@@ -180,21 +174,14 @@ def _channels(c: Campaign) -> list[dict[str, Any]]:
 
 
 def _unit(c: Campaign, reading: int) -> str:
-    kind = c.kind[reading]
-    turns = c.direction[reading] >= 3
-    if kind == FREQUENCY:
-        return "Hz"
-    if kind in (DEFLECTION, DEVIATION, POSITION):
-        return "rad" if turns else "m"
-    return "N·m/rad" if turns else "N/m"
+    turns = bool(c.direction[reading] >= 3)
+    return KINDS[int(c.kind[reading])].unit(turns=turns)
 
 
 def show_campaign(facts: Mapping[str, Any], name: str) -> None:
     """Print the facts of a campaign returned by `campaign_json`."""
     counts = facts["kinds"].items()
-    kinds = ", ".join(
-        f"{count} {_PLURAL.get(kind, kind + 's')}" for kind, count in counts
-    )
+    kinds = ", ".join(f"{count} {_PLURAL[kind]}" for kind, count in counts)
     readings = f"{facts['readings']} readings ({kinds})"
     show_line(f"{name}: {readings} at {len(facts['poses'])} poses", "bold")
     if facts["empty"]:

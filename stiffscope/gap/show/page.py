@@ -140,6 +140,7 @@ def share_view(
 
 def _effects(diagnosis: Diagnosis) -> list[Shown]:
     with record_shown() as tables:
+        gap_tables.show_drives(diagnosis)
         if diagnosis.effects:
             gap_tables.show_effects(diagnosis, details=True)
     lines = []

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from stiffscope.gap.effects.drives import ActuatorStiffness
 from stiffscope.gap.show import text
 from stiffscope.report.numbers import percent
 from stiffscope.report.terminal import show_line, show_table
@@ -20,6 +21,7 @@ MOST_PAIRS = 10
 def show_diagnosis(diagnosis: Diagnosis) -> None:
     """Show the whole diagnosis."""
     show_line(f"\n{text.sentence(diagnosis)}\n", "bold")
+    show_drives(diagnosis)
     if diagnosis.effects:
         show_effects(diagnosis)
     show_gap(diagnosis)
@@ -56,6 +58,14 @@ def _show_list(title: str, lines: Sequence[str]) -> None:
         show_line(f"  {line}")
 
 
+def show_drives(diagnosis: Diagnosis) -> None:
+    """Show each drive's stiffness with everything that was found, where drives are effects."""
+    if not any(e.effect == ActuatorStiffness.word for e in diagnosis.effects):
+        return
+    groups = (("joint",), ("stated, N·m/rad or N/m", "resulting ± 1 σ", "ratio"))
+    show_table("Drives", groups, text.drives(diagnosis), prose=("resulting ± 1 σ",))
+
+
 def show_effects(diagnosis: Diagnosis, *, details: bool = False) -> None:
     """Show effects and parameters; details add intervals and ratios to the model's values."""
     more = ("95 % interval", "ratio", "deviation / σ", "remark") if details else ()
@@ -81,14 +91,16 @@ def show_gap(diagnosis: Diagnosis) -> None:
         ("before", "after", "held out", "noise"),
         ("χ² per reading before", "after"),
     )
-    percents = (
-        percent(v) for v in (gap.nominal, gap.explained, gap.held_out, gap.noise)
-    )
+    sizes = (gap.nominal, gap.explained, gap.held_out, gap.noise)
+    percents = [percent(v) if math.isfinite(v) else "" for v in sizes]
     rows = [("rms", *percents, *(f"{v:.4g}" for v in gap.chi2_per_reading))]
     rows += [
         (f"{name}, rms", *sizes, "", "")
         for name, sizes in text.absolute_sizes(gap).items()
     ]
+    if not math.isfinite(gap.held_out):  # nothing can be held out at one pose
+        groups = (groups[0], ("before", "after", "noise"), groups[2])
+        rows = [(*row[:3], *row[4:]) for row in rows]
     show_table("Gap", groups, rows)
 
 

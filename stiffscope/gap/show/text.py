@@ -29,10 +29,19 @@ _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 
 
 def sentence(diagnosis: Diagnosis) -> str:
-    """Return the verdict in one plain sentence."""
+    """Return the verdict in one plain sentence, and whether the noise should be stated."""
+    verdict = _tell_verdict(diagnosis)
+    if any(remark.endswith("state sigma") for remark in diagnosis.remarks):
+        return f"{verdict} These readings do not tell their noise: state sigma."
+    return verdict
+
+
+def _tell_verdict(diagnosis: Diagnosis) -> str:
     gap = diagnosis.gap
     nominal, explained, held_out, noise = gap_sizes(gap)
-    others = f"{held_out} at poses held out, noise {noise}"
+    others = f"noise {noise}"
+    if held_out:
+        others = f"{held_out} at poses held out, {others}"
     shrinks = f"the gap shrinks from {nominal} to {explained} rms ({others})"
     if diagnosis.verdict == "no-gap":
         return f"No gap: model and readings agree within the noise ({nominal} rms, noise {noise})."
@@ -61,13 +70,15 @@ def sentence(diagnosis: Diagnosis) -> str:
 
 
 def gap_sizes(gap: Gap) -> tuple[str, ...]:
-    """Return gap before, after, held out, and noise; in mm or mrad if readings are of one kind."""
+    """Return gap before, after, held out, and noise; in mm or mrad if readings are of one kind.
+
+    Empty at a single pose, at which nothing can be held out.
+    """
     known = absolute_sizes(gap)
     if len(known) == len(gap.absolute) == 1:
         return next(iter(known.values()))
-    return tuple(
-        percent(v) for v in (gap.nominal, gap.explained, gap.held_out, gap.noise)
-    )
+    sizes = (gap.nominal, gap.explained, gap.held_out, gap.noise)
+    return tuple(percent(v) if math.isfinite(v) else "" for v in sizes)
 
 
 def absolute_sizes(gap: Gap) -> dict[str, tuple[str, ...]]:
@@ -76,7 +87,10 @@ def absolute_sizes(gap: Gap) -> dict[str, tuple[str, ...]]:
     for name, each in gap.absolute.items():
         if each.unit in {"m", "rad"}:
             known = (each.before, each.after, each.held_out, each.noise)
-            sizes[name] = tuple(f"{1e3 * value:.3g} m{each.unit}" for value in known)
+            sizes[name] = tuple(
+                f"{1e3 * value:.3g} m{each.unit}" if math.isfinite(value) else ""
+                for value in known
+            )
     return sizes
 
 
@@ -97,10 +111,14 @@ def _proposal(diagnosis: Diagnosis) -> str:
     return f" Next: {words}." if words else ""
 
 
-def _list_keys(keys: Sequence[str], most: int = 4) -> str:
-    return ", ".join(map(label, keys[:most])) + (
-        " and others" if len(keys) > most else ""
-    )
+def _list_keys(keys: Sequence[str], most: int = 3) -> str:
+    """Return effects by name, up to three; more as the set that holds them."""
+    if len(keys) <= most:
+        return ", ".join(map(label, keys))
+    words = {key.partition(" @ ")[0] for key in keys}
+    if len(words) == 1:
+        return f"{next(iter(words)).replace('-', ' ')}: {len(keys)} causes"
+    return f"{', '.join(map(label, keys[:most]))} and {len(keys) - most} others"
 
 
 def name(effect: str, place: str) -> str:
@@ -198,6 +216,20 @@ def _multiple(parameter: Parameter) -> tuple[float, str]:
     return factor, f" {prefix}{unit}"
 
 
+def drives(diagnosis: Diagnosis) -> list[tuple[str, str, str, str]]:
+    """Return a row for each drive: joint, stated stiffness, resulting one, and its ratio."""
+    rows: list[tuple[str, str, str, str]] = []
+    for joint, drive in diagnosis.drives.items():
+        stated = f"{drive.stated:.4g}"
+        if not drive.seen:
+            rows.append((joint, stated, "not seen by these readings", ""))
+            continue
+        ratio = drive.value / drive.stated
+        value = f"{drive.value:.4g} ± {drive.sigma:.2g}"
+        rows.append((joint, stated, value, f"{ratio:.3f}"))
+    return rows
+
+
 def probability(value: float) -> str:
     """Return a probability with two digits, or "< 1e-6"."""
     return f"{value:.2g}" if value >= 1e-6 else "< 1e-6"
@@ -243,7 +275,7 @@ def steps(diagnosis: Diagnosis) -> Sequence[tuple[str, float]]:
     return [
         ("nominal", gap.nominal),
         *effects,
-        ("held out", gap.held_out),
+        *([("held out", gap.held_out)] if math.isfinite(gap.held_out) else []),
         ("noise", gap.noise),
     ]
 

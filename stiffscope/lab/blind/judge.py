@@ -10,7 +10,7 @@ import numpy as np
 
 from stiffscope.gap.effects.vocabulary import word_of
 from stiffscope.lab.blind.cases import Fault
-from stiffscope.lab.blind.laboratory import OF_READINGS
+from stiffscope.lab.faults import KNOWN
 from stiffscope.lab.measuring import Noise, true_readings
 from stiffscope.lab.signatures import (
     Signatures,
@@ -34,17 +34,9 @@ _ALIKE = (
     4.0  # largest indistinguishable difference over all readings, standard deviations
 )
 _SAME = 1e-4  # relative residual of a signature fitted by an equivalent one
-_TURN = 1e-3  # rad, or relative: step for derivatives
 _IMITATORS = 3  # most known effects that together may mimic an outside one
 _TWINS = 2  # most other effects in the named group of a true one
 _KEPT = {"mass", "row"}  # fixed in signatures: payload mass, row of a slip
-_BY_STEPS = {
-    "instrument-misalignment": tuple({axis: _TURN} for axis in ("rx", "ry", "rz")),
-    "displacement-scale": ({"factor": 1.0 + _TURN},),
-    "force-scale": ({"factor": 1.0 + _TURN},),
-    "mass": ({"factor": 1.0 + _TURN},),
-}
-"""Small steps of parameters."""
 
 
 class Judge:
@@ -61,7 +53,7 @@ class Judge:
         self._frame = orthonormal_basis(self._elements.frame)
         self.sensors = tuple(sensor.name for sensor in self._plan.sensors)
         self.words = [
-            w for w in lab.words() if plan.frame is None or w not in OF_READINGS
+            w for w in lab.words() if plan.frame is None or not KNOWN[w].of_readings
         ]
         self._own: dict[str, Array] = {}
         self._spans: dict[str, Array] = {}
@@ -99,8 +91,8 @@ class Judge:
         return self._spans[fault.name]
 
     def _isolate_fault(self, effect: str, place: str) -> Array | None:
-        if effect in _BY_STEPS:
-            steps = (Fault(effect, place, step) for step in _BY_STEPS[effect])
+        if KNOWN[effect].steps:
+            steps = (Fault(effect, place, step) for step in KNOWN[effect].steps)
             return np.stack([self._signature(step) for step in steps], axis=1)
         columns = self._elements.find_columns(
             effect, place, self.lab.softer(effect, place)

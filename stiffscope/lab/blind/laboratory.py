@@ -12,8 +12,14 @@ from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.gap.effects.vocabulary import word_of
 from stiffscope.gap.forward.robot_at_poses import configure_robot
 from stiffscope.lab.blind.cases import Fault
-from stiffscope.lab.closure import COORDINATES
-from stiffscope.lab.faults import ENTRIES, KNOWN, acts_on, inject, is_uniform
+from stiffscope.lab.faults import (
+    ENTRIES,
+    KNOWN,
+    OUTSIDE,
+    acts_on,
+    inject,
+    is_uniform,
+)
 from stiffscope.lab.machine import machine_of
 from stiffscope.lab.plans import Workspace, workspace
 from stiffscope.robot.library import robot_names
@@ -42,11 +48,6 @@ _SEED = 20  # seed of that pool
 _ALL_DRIVES = "drives"
 _ALL_JOINTS = "joints"
 _ALL_BODIES = "robot"
-INSTRUMENT = "instrument"
-_OF_SENSORS = {"instrument-misalignment", "displacement-scale"}
-_OF_CHANNELS = {"unit", "sensor-sign"}
-OF_READINGS = _OF_SENSORS | _OF_CHANNELS | {"sensor-step"}
-"""Faults of displacements as they are read; a tracker's are none of them."""
 
 
 @dataclass(frozen=True)
@@ -154,17 +155,9 @@ class Lab:
         """Return the places of an effect: elements and distinct sets, or instrument and sensors."""
         file = self.robot.nominal.robot
         machine = self.sound
-        fixed = {
-            "base-compliance": ("base",),
-            "platform-compliance": ("tool",),
-            "cable-chain": ("tool",),
-            "force-scale": (INSTRUMENT,),
-            **dict.fromkeys(_OF_SENSORS, (INSTRUMENT, *sensors)),
-            **dict.fromkeys(_OF_CHANNELS, (INSTRUMENT, *(sensors or COORDINATES))),
-            "sensor-step": tuple(sensors or COORDINATES),
-        }
-        if effect in fixed:
-            return fixed[effect]
+        where = {**KNOWN, **OUTSIDE}[effect].where
+        if where is not None:
+            return where(sensors)
         if (
             effect == "part-dimension"
         ):  # and material constants of parts computed by beam theory

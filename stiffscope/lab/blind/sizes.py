@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from stiffscope.lab.blind.cases import Fault
-from stiffscope.lab.blind.laboratory import INSTRUMENT, entries_of, other_dimension
+from stiffscope.lab.blind.laboratory import entries_of, other_dimension
 from stiffscope.lab.closure import COORDINATES
-from stiffscope.lab.faults import bearing_words
+from stiffscope.lab.faults import INSTRUMENT, bearing_words
+from stiffscope.lab.instrument_faults import ROTATIONS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,17 +21,12 @@ if TYPE_CHECKING:
     from stiffscope.lab.plans import Style
 
 _LIKE = 8.075e-8  # m/N: compliance of the robot for which these sizes are given
-_SOFTEST = {
-    "actuator-stiffness": 0.1,
-    "link-stiffness": 0.2,
-}  # least stiffness factor alone,
-_SOFT = 0.6
-_SLIGHT = 0.95  # with other faults, and largest factor
+_SOFT = 0.6  # least stiffness factor with other faults
+_SLIGHT = 0.95  # largest
 _OWN = {
     True: (0.02, 3.0),
     False: (0.02, 0.3),
 }  # bearing over robot compliance, alone or not
-_SCALES = {"displacement-scale", "force-scale"}
 
 
 def choose(rng: np.random.Generator, choices: Sequence[str]) -> str:
@@ -39,6 +37,51 @@ def choose(rng: np.random.Generator, choices: Sequence[str]) -> str:
 def _draw_size(rng: np.random.Generator, low: float, high: float) -> float:
     """Draw a log-uniform size between two limits."""
     return low * (high / low) ** rng.random()
+
+
+@dataclass(frozen=True)
+class _Draw:
+    """A place where a fault is drawn, with its relative size, 0.3 to 3, and its sign."""
+
+    rng: np.random.Generator
+    lab: Lab
+    place: str
+    members: tuple[str, ...]
+    size: float
+    sign: float
+    alone: bool
+
+    @property
+    def lever(self) -> float:
+        """Largest lever of its drives on the tool, m per rad; one for linear drives."""
+        joints = self.lab.sound.joints
+        return max(
+            (self.lab.drive_lever(n) for n in self.members if n in joints), default=1.0
+        )
+
+    @property
+    def force(self) -> float:
+        """Force or torque of its drives under a load of the lab, N or N·m."""
+        return self.lab.workspace.scale.force * self.lever
+
+    @property
+    def length(self) -> float:
+        """Mean length of its bodies, m."""
+        bodies = self.lab.sound.bodies
+        lengths = [bodies[name].length for name in self.members if name in bodies]
+        return float(np.mean(lengths or [0.0]))
+
+    @property
+    def reach(self) -> float:
+        """Distance of the tool from the farthest joint, m."""
+        machine = self.lab.sound
+        away = [
+            np.linalg.norm(machine.at - j.at_first) for j in machine.joints.values()
+        ]
+        return float(max(away, default=1.0))
+
+
+Sizes = Callable[[_Draw], dict[str, float]]
 
 
 def draw_known(
@@ -72,82 +115,126 @@ def draw_known(
     place = choose(rng, lab.places(effect, sensors))
     size = _draw_size(rng, 0.3, 3.0)
     sign = 1.0 if rng.random() < 0.5 else -1.0
-    members = lab.sound.members(place)
-    if effect in _SOFTEST:
-        parameters = {
-            "factor": _draw_size(rng, _SOFTEST[effect] if alone else _SOFT, _SLIGHT)
-        }
-    elif effect == "mass":
-        parameters = {"factor": (1 + 0.2 * size) ** sign}
-    elif effect in _SCALES:
-        parameters = {"factor": 1 + sign * 0.02 * size}
-    elif effect in _YIELDING:
-        scale = lab.workspace.scale
+    members = tuple(lab.sound.members(place))
+    draw = _Draw(rng, lab, place, members, size, sign, alone)
+    return Fault(effect, place, SIZES[effect](draw))
+
+
+def _weaken(softest: float) -> Sizes:
+    """Return the draw of a stiffness factor, which may be as small as this if it is alone."""
+    return lambda d: {
+        "factor": _draw_size(d.rng, softest if d.alone else _SOFT, _SLIGHT)
+    }
+
+
+def _vary(share: float) -> Sizes:
+    """Return the draw of a factor near one."""
+    return lambda d: {"factor": 1 + d.sign * share * d.size}
+
+
+def _yield_in(*names: str) -> Sizes:
+    """Return the draw of added compliances relative to the robot's; of a bearing those it has."""
+
+    def draw(d: _Draw) -> dict[str, float]:
+        scale = d.lab.workspace.scale
         own = [
-            _draw_size(rng, *_OWN[alone]) * unit
+            _draw_size(d.rng, *_OWN[d.alone]) * unit
             for unit in (scale.linear, scale.angular)
         ]
-        names = _YIELDING[effect] or bearing_words(
-            [lab.sound.joints[name] for name in members]
-        )
-        parameters = {
-            name: own[name in _TURNING] * float(rng.uniform(0.2, 1.0)) for name in names
+        joints = d.lab.sound.joints
+        held = names or bearing_words([joints[name] for name in d.members])
+        return {
+            name: own[name in _TURNING] * float(d.rng.uniform(0.2, 1.0))
+            for name in held
         }
-    elif effect == "unit":
-        parameters = {"factor": _UNITS[int(rng.integers(0, len(_UNITS)))]}
-    elif effect == "sensor-step":
-        parameters = {"jump": 2e-4 * sign * size, "row": float(rng.integers(*_LINES))}
-    elif effect == "part-compliance":
-        parameters = _draw_matrix(lab, members[0], size, rng)
-    elif effect == "part-dimension":
-        parameters = {"value": other_dimension(lab, place, sign * min(size, 2.0))}
-    elif effect == "payload":
-        offset = {k: float(rng.uniform(-0.1, 0.1)) for k in COORDINATES[:3]}
-        parameters = {
-            "mass": 3.0 * size / max(1.0, lab.workspace.scale.linear / _LIKE),
-            **offset,
-        }
-    else:
-        one = _sizes_of_one(effect, lab, members, sign)
-        parameters = {
-            name: s * float(rng.uniform(0.2, 1.0)) * size for name, s in one.items()
-        }
-    return Fault(effect, place, parameters)
+
+    return draw
+
+
+def _scatter(one: Sizes) -> Sizes:
+    """Return the draw of parameters that are each a random share of their size."""
+    return lambda d: {
+        name: s * float(d.rng.uniform(0.2, 1.0)) * d.size for name, s in one(d).items()
+    }
+
+
+def _draw_payload(d: _Draw) -> dict[str, float]:
+    offset = {k: float(d.rng.uniform(-0.1, 0.1)) for k in COORDINATES[:3]}
+    softness = max(1.0, d.lab.workspace.scale.linear / _LIKE)
+    return {"mass": 3.0 * d.size / softness, **offset}
+
+
+def _draw_slip(d: _Draw) -> dict[str, float]:
+    return {"jump": 2e-4 * d.sign * d.size, "row": float(d.rng.integers(*_LINES))}
+
+
+def _draw_unit(d: _Draw) -> dict[str, float]:
+    return {"factor": _UNITS[int(d.rng.integers(0, len(_UNITS)))]}
+
+
+def _draw_part(d: _Draw) -> dict[str, float]:
+    return _draw_matrix(d.lab, d.members[0], d.size, d.rng)
+
+
+def _draw_dimension(d: _Draw) -> dict[str, float]:
+    return {"value": other_dimension(d.lab, d.place, d.sign * min(d.size, 2.0))}
+
+
+def _draw_knee(d: _Draw) -> dict[str, float]:
+    """A preload that half of the lab's loads exceed, and half the stiffness or twice beyond."""
+    load = d.force * float(d.rng.uniform(0.15, 0.5))
+    return {"load": load, "factor": (1 + 0.5 * d.size) ** d.sign}
+
+
+def _draw_leak(d: _Draw) -> dict[str, float]:
+    others = [name for name in ("fx", "fy", "fz") if name != d.place]
+    return {n: d.sign * 0.04 * d.size * float(d.rng.uniform(0.2, 1.0)) for n in others}
+
+
+def _nothing(_: _Draw) -> dict[str, float]:
+    return {}
 
 
 _TURNING = {"tilting", "angular", "roll", "pitch", "yaw", *COORDINATES[3:]}
-_YIELDING: dict[str, tuple[str, ...]] = {
-    "joint-compliance": (),
-    "guide-compliance": ("lateral", "vertical", "roll", "pitch", "yaw"),
-    "base-compliance": COORDINATES,
-    "platform-compliance": COORDINATES,
-}
 _UNITS = (1e3, 1e-3)
 _LINES = (100, 500)  # range of rows at which a gauge slips
-
-
-def _sizes_of_one(
-    effect: str, lab: Lab, members: Sequence[str], sign: float
-) -> dict[str, float]:
-    """Return the parameters of an effect of unit size."""
-    lengths = [
-        lab.sound.bodies[name].length for name in members if name in lab.sound.bodies
-    ]
-    lever = max(
-        (lab.drive_lever(n) for n in members if n in lab.sound.joints), default=1.0
-    )
-    turns: dict[str, float] = dict.fromkeys(COORDINATES[3:], 0.015)
-    return {
-        "joint-stiffness": {"factor": 3.0},
-        "sensor-sign": {},
-        "rigid-ends": {"length": 0.04 * float(np.mean(lengths or [0.0]))},
-        "joint-axis": {"y": 1e-4, "z": sign * 1e-4, "ry": 3e-4, "rz": sign * 3e-4},
-        "backlash": {"half_width": 8e-6 / lever},
-        "encoder-offset": {"offset": sign * 5e-5 / lever},
-        "link-length": {"error": sign * 3e-5},
-        "thermal": {"temperature": sign * 4.0},
-        "instrument-misalignment": turns,
-    }[effect]
+SIZES: dict[str, Sizes] = {
+    "gravity": _nothing,
+    "payload": _draw_payload,
+    "mass": lambda d: {"factor": (1 + 0.2 * d.size) ** d.sign},
+    "actuator-stiffness": _weaken(0.1),
+    "link-stiffness": _weaken(0.2),
+    "joint-stiffness": _scatter(lambda _: {"factor": 3.0}),
+    "joint-compliance": _yield_in(),
+    "guide-compliance": _yield_in("lateral", "vertical", "roll", "pitch", "yaw"),
+    "base-compliance": _yield_in(*COORDINATES),
+    "platform-compliance": _yield_in(*COORDINATES),
+    "part-compliance": _draw_part,
+    "part-dimension": _draw_dimension,
+    "rigid-ends": _scatter(lambda d: {"length": 0.04 * d.length}),
+    "link-length": _scatter(lambda d: {"error": d.sign * 3e-5}),
+    "thermal": _scatter(lambda d: {"temperature": d.sign * 4.0}),
+    "joint-axis": _scatter(
+        lambda d: {"y": 1e-4, "z": d.sign * 1e-4, "ry": 3e-4, "rz": d.sign * 3e-4}
+    ),
+    "encoder-offset": _scatter(lambda d: {"offset": d.sign * 5e-5 / d.lever}),
+    "backlash": _scatter(lambda d: {"half_width": 8e-6 / d.lever}),
+    "friction": _scatter(lambda d: {"force": 0.08 * d.force}),
+    "preload-loss": _draw_knee,
+    "tool-offset": _scatter(
+        lambda d: dict.fromkeys(COORDINATES[:3], d.sign * 0.01 * d.reach)
+    ),
+    "instrument-misalignment": _scatter(lambda _: dict.fromkeys(ROTATIONS, 0.015)),
+    "displacement-scale": _vary(0.02),
+    "force-scale": _vary(0.02),
+    "unit": _draw_unit,
+    "sensor-sign": _nothing,
+    "sensor-step": _draw_slip,
+    "column-swap": _nothing,
+    "force-cross-talk": _draw_leak,
+    "load-value": _vary(0.05),
+}
+"""Draws of the parameters of every known effect of the laboratory."""
 
 
 def _draw_matrix(
@@ -224,7 +311,6 @@ def draw_outside(
     one = {
         # under a lab's force a hardening drive loses a tenth of its deflection, as at 3e16 N/m³
         "hardening-drive": {"cubic": 2.4 * size * stiffest**3 / (10.0 * force**2)},
-        "drive-friction": {"force": 0.08 * size * force},
         "stiffening-joint": {
             "radial": bearing * size,
             "knee": 0.2 * bearing * size * scale.force,

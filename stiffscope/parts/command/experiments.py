@@ -28,6 +28,7 @@ from stiffscope.parts.interfaces import (
     interfaces_json,
 )
 from stiffscope.report import part_tables, tables
+from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.part_matrices import used_parts
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.output import write_bytes
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 
     from stiffscope.cli.output import Output
     from stiffscope.robot.file.description import RobotFile
+    from stiffscope.robot.file.part_sections import PartSection
 
 log = logging.getLogger(__name__)
 
@@ -189,7 +191,7 @@ def interfaces(
     """
     robot = load_robot(name, overrides, tolerance)
     if part is None:
-        part = min(_solids(robot), key=lambda each: robot.part(each).shape != "plate")
+        part = min(_solids(robot), key=lambda each: not _is_plate(robot.part(each)))
     manifest = manifest_of(robot)
     with open_workshop(output) as shop:
         compared = compare_interfaces(robot, part, shop)
@@ -217,9 +219,13 @@ def interfaces(
     )
 
 
+def _is_plate(part: PartSection) -> bool:
+    return isinstance(part, ParametricPart) and part.made.is_plate
+
+
 def _solids(robot: RobotFile) -> list[str]:
     """Return the parts suitable for virtual experiments. Raise InputError if there are none."""
-    solids = [name for name in used_parts(robot) if robot.part(name).shape != "matrix"]
+    solids = [name for name in used_parts(robot) if robot.part(name).sources]
     if not solids:
         expected = "expected a rod, a plate or a STEP file's solid"
         raise InputError(f"{robot.path}: parts: {expected}, got none")

@@ -11,6 +11,7 @@ from scipy.spatial import ConvexHull, Delaunay
 
 from stiffscope.fea.experiment import load_experiment
 from stiffscope.report.drawing.surfaces import bulge, surface
+from stiffscope.vjm.model.joints import JOINT_TYPES
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -288,7 +289,7 @@ def _feet(
         away = up if (at - tool) @ up > 0 else -up
         ends = [at]
         drop = half
-        if joint["kind"] in {"prismatic", "cylindrical"}:
+        if _symbol(joint) == "rail":
             axis = np.array(joint["axis"], float)
             ends = [at + way * axis for way in _range(joint, reach)]
             drop = r
@@ -326,11 +327,11 @@ def _sizes(bodies: Tables, joints: Tables, reach: float) -> Sizes:
         joints, key=lambda joint: max(rods_of(joint), default=0.0), reverse=True
     ):
         ends = rods_of(joint) or [0.0]
-        match joint["kind"]:
-            case "spherical" | "prismatic" | "cylindrical":
+        match _symbol(joint):
+            case "ball" | "rail":
                 r = 1.25 * min(ends)
                 long = 1.6
-            case "universal":
+            case "cross":
                 r = 0.6 * max(ends)
                 long = 1.9
             case _:
@@ -350,6 +351,12 @@ def _sizes(bodies: Tables, joints: Tables, reach: float) -> Sizes:
     return out
 
 
+def _symbol(joint: dict[str, Any]) -> str:
+    """Return the symbol of a joint's type; none for a possible further joint."""
+    made = JOINT_TYPES.get(joint["kind"])
+    return made.symbol if made else ""
+
+
 def _joints(joints: Tables, sizes: Sizes, reach: float) -> Iterable[Solid]:
     """Yield the solids of the joints by type, in the colour for driven, passive or doubtful."""
     for joint in joints:
@@ -363,21 +370,21 @@ def _joints(joints: Tables, sizes: Sizes, reach: float) -> Iterable[Solid]:
         )
         first = joint["first"]
         second = joint["second"]
-        match joint["kind"]:
-            case "fixed" | "doubt":
+        match _symbol(joint):
+            case "":
                 cube = pv.Cube(
                     center=at, x_length=2 * r, y_length=2 * r, z_length=2 * r
                 )
                 shapes = (
                     [(_triangles(cube), colour, first)] if joint.get("doubted") else []
                 )
-            case "spherical":
+            case "ball":
                 shapes = [(_ball(at, 1.1 * r), colour, first)]
-            case "universal":
+            case "cross":
                 across = np.array(joint["axis2"], float)
                 shapes = [(_bar(at, half * axis, 0.6 * r), colour, first)]
                 shapes += [(_bar(at, half * across, 0.6 * r), colour, second)]
-            case "prismatic" | "cylindrical":
+            case "rail":
                 low, high = _range(joint, reach)
                 rail = _rod(
                     at + (low - 2 * r) * axis, at + (high + 2 * r) * axis, 0.35 * r
@@ -386,7 +393,7 @@ def _joints(joints: Tables, sizes: Sizes, reach: float) -> Iterable[Solid]:
                     (rail, RAIL, first),
                     (_bar(at, half * axis, 1.1 * r), colour, second),
                 ]
-            case "planar":
+            case "disc":
                 shapes = [(_bar(at, 0.3 * r * axis, 2.0 * r), colour, first)]
             case _:
                 shapes = [(_bar(at, half * axis, r), colour, first)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import tomllib
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
@@ -47,20 +48,30 @@ TABLES = (
 )
 MOST_CHARACTERS = 5_000  # a matrix needs about 1000
 _EXAMPLE = "slider.thickness=25mm"
+_STATED = re.compile(
+    r"\s*[+-]?[\d.][\d._]*(?:[eE][+-]?\d+)?\s*([^\d\s.±][^±]*?)\s*(?:±.*)?"
+)
+
+
+class TypedOverride(str):
+    """An override that a person has typed, rather than a program that computes in SI."""
+
+    __slots__ = ()
 
 
 @dataclass(frozen=True)
 class Override:
-    """A value for a key, and the text of the override."""
+    """A value for a key, the text of the override, and whether a person typed it."""
 
     key: tuple[str, ...]
     value: Any
     text: str
+    is_typed: bool = False
 
 
 def apply_overrides(
     data: dict[str, Any], source: Source, tolerance: str | None
-) -> list[Override]:
+) -> tuple[list[Override], list[Override]]:
     """Apply overrides to a parsed file, in place.
 
     Parameters
@@ -74,6 +85,8 @@ def apply_overrides(
 
     Returns
     -------
+    list of Override
+        All overrides by the source.
     list of Override
         Overrides of copies, which do not exist yet.
     """
@@ -95,7 +108,38 @@ def apply_overrides(
         else:
             assign(data, change.key, change.value, change.text)
         source.changed[change.key] = change.text
-    return later
+    return changes, later
+
+
+def check_unit(change: Override, written: Mapping[str, Any], owner: str) -> None:
+    """Raise InputError for a typed bare number where the file states a number with a unit.
+
+    A person probably means that unit, and SI is a thousand times as much.
+
+    Parameters
+    ----------
+    change
+        The override.
+    written
+        The file as it was parsed, without changes.
+    owner
+        Name of the entry that states the value: of a copy, its original.
+    """
+    is_number = type(change.value) in {int, float}
+    if not change.is_typed or not is_number:
+        return
+    stated: Any = written
+    for part in (change.key[0], owner, *change.key[2:]):
+        if _is_within(stated, part):
+            stated = stated[int(part)]
+        else:
+            stated = stated.get(part) if isinstance(stated, dict) else None
+    unit = _STATED.fullmatch(stated) if isinstance(stated, str) else None
+    if unit and change.value:
+        expected = f"expected a number with a unit such as {change.value:g} {unit[1]}"
+        raise InputError(
+            f'{change.text}: {expected}, as the file states "{stated}"; got {change.value:g}'
+        )
 
 
 def split(text: str) -> tuple[str, Any]:
@@ -146,7 +190,8 @@ def locate(text: str, names: Mapping[str, Sequence[str]]) -> Override:
     ):
         ways = f"bodies.{name} or joints.{name}"
         raise InputError(f"--set {text}: expected {ways}, got {name}, which both have")
-    return Override((fitting or found)[0], value, f"--set {text}")
+    is_typed = isinstance(text, TypedOverride)
+    return Override((fitting or found)[0], value, f"--set {text}", is_typed)
 
 
 def _ways(name: str, known: Iterable[str]) -> list[tuple[str, ...]]:

@@ -1,23 +1,28 @@
 """Sections of a robot file on parts: shape, material, supports and loads, mesh.
 
-Keys of a rod, plate or beam are its parameters in cad: floats are lengths, integers are counts.
+Keys of a parametric shape are its fields in `stiffscope.cad`: floats are lengths, integers counts.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import inspect
 import typing
 from typing import Annotated, Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import BeforeValidator, create_model, field_validator, model_validator
+from pydantic import (
+    BeforeValidator,
+    Field,
+    create_model,
+    field_validator,
+    model_validator,
+)
 
-from stiffscope.cad.beam import BEAMS, BeamParameters
 from stiffscope.cad.faces import ENDS, FaceSelector
-from stiffscope.cad.link import LinkParameters
 from stiffscope.cad.materials import AnyMaterial, Material, TransverselyIsotropic
-from stiffscope.cad.slider import PADS, SliderParameters
-from stiffscope.cad.solid import Placement
+from stiffscope.cad.shapes import SHAPES
+from stiffscope.cad.solid import Placement, SolidParameters
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file import values as v
@@ -25,7 +30,6 @@ from stiffscope.robot.file.values import Says, Section
 from stiffscope.vjm.model.bodies import Body, superelement_body
 from stiffscope.vjm.model.checks import check_compliance
 
-Dimensions = LinkParameters | SliderParameters | BeamParameters
 Source = Literal["fea", "beam", "published"]
 MaterialName = Annotated[str, Says('a material such as "steel"')]
 
@@ -133,6 +137,16 @@ class PartSection(Section):
         """Names of its `interfaces`, ends of its bodies; empty for a part between base and tip."""
         return tuple(getattr(self, "interfaces", None) or ())
 
+    @property
+    def sources(self) -> tuple[Source, ...]:
+        """Possible sources of its 6x6 that a file or command names."""
+        return ()
+
+    @property
+    def span(self) -> float | None:
+        """Length from clamped end to reference point, m; None if it is not parametric."""
+        return None
+
 
 class SolidPart(PartSection):
     """A solid part: material, source of its 6x6, supports, loads and mesh."""
@@ -144,11 +158,27 @@ class SolidPart(PartSection):
     foundation: v.Foundation = None
     mesh: Mesh = Mesh()
 
+    @property
+    def sources(self) -> tuple[Source, ...]:
+        """See `PartSection`."""
+        return typing.get_args(type(self).model_fields["compliance"].annotation)
+
 
 class ParametricPart(SolidPart):
     """A solid that the file describes by lengths and counts."""
 
-    made: ClassVar[type]
+    made: ClassVar[type[SolidParameters]]
+
+    @property
+    def interface_names(self) -> tuple[str, ...]:
+        """See `PartSection`."""
+        ports = self.parameters().ports
+        return ("clamped", *ports) if ports else ()
+
+    @property
+    def span(self) -> float:
+        """See `PartSection`."""
+        return self.parameters().span
 
     def dimensions(self) -> dict[str, float | int | str]:
         """Return the parameters of the part's shape, SI."""
@@ -165,16 +195,14 @@ class ParametricPart(SolidPart):
             if isinstance(size, float)
         }
 
-    def measure_across(self, axis: str) -> float:
-        """Return the size across the part along its y or z, m."""
-        size = self.lengths()
-        if "radius" in size:
-            return 2.0 * size["radius"]
-        return size["width"] if axis == "y" else size.get("thickness") or size["height"]
-
-    def parameters(self) -> Dimensions:
+    def parameters(self) -> SolidParameters:
         """Return the shape for cad; its InputError names the parameter: "link.bore: …"."""
         return self.made(**self.dimensions())
+
+    @model_validator(mode="after")
+    def _possible(self) -> Self:
+        self.parameters()
+        return self
 
 
 _CONSTANTS = {
@@ -186,69 +214,45 @@ _CONSTANTS = {
 
 
 def _section_of(
-    name: str, base: Any, made: type, required: tuple[str, ...] = (), doc: str = ""
+    name: str, base: Any, made: type, required: tuple[str, ...] = (), **further: Any
 ) -> Any:
-    """Create a section with one key for each field, but its name, of what is ``made`` of it."""
+    """Create a section with one key for each field, but its name, of what is ``made`` of it.
+
+    ``further`` are the docstring and other keys of the section.
+    """
     kinds = {float: v.LengthOrZero, int: v.Count}
-    hints = typing.get_type_hints(made)
-    fields = dict[str, Any]()
+    hints = typing.get_type_hints(made, include_extras=True)
+    fields = dict[str, Any](further)
     for field in dataclasses.fields(made):
         if field.name == "name":
             continue
+        hint = hints[field.name]
+        means = None
+        if typing.get_origin(hint) is Annotated:
+            hint, means = typing.get_args(hint)
         needed = field.name in required or field.default is dataclasses.MISSING
-        hint = v.Length if needed else hints[field.name]
-        kind = _CONSTANTS.get(field.name.rpartition("_")[2], kinds.get(hint, hint))
-        fields[field.name] = (kind, ... if needed else field.default)
-    model: Any = create_model(
-        name, __base__=base, __doc__=doc or base.__doc__, **fields
-    )
+        kind = v.Length if needed else kinds.get(hint, hint)
+        kind = _CONSTANTS.get(field.name.rpartition("_")[2], kind)
+        default = ... if needed else field.default
+        fields[field.name] = kind, Field(default, description=means)
+    model: Any = create_model(name, __base__=base, **fields)
     model.made = made
     return model
 
 
-class _Rod(ParametricPart):
-    """A round bar or tube, with end fittings if wished; axes: x along it from the clamped end."""
+def _read_shape(shape: type[SolidParameters]) -> type[ParametricPart]:
+    """Create the section of a shape, described by its docstring without the errors."""
+    own: dict[str, Any] = {}
+    own["__doc__"] = (inspect.getdoc(shape) or "").partition("\n\nRaises\n")[0]
+    if shape.segments is SolidParameters.segments:  # no beam theory: FEA alone
+        own["compliance"] = (Literal["fea"], "fea")
+    if shape.published == "table":
+        own["published"] = (str | None, None)
+    name = f"{shape.shape.title()}Part"
+    return _section_of(name, ParametricPart, shape, shape.required, **own)
 
 
-class _Plate(ParametricPart):
-    """A plate, if wished with ribs, holes, pads; x away from its clamped face, y across, z through it."""
-
-    published: str | None = (
-        None  # a matrix of data/published, for the source "published"
-    )
-
-    @property
-    def interface_names(self) -> tuple[str, ...]:
-        """See `PartSection`."""
-        size = self.dimensions()
-        return (
-            ("clamped", *PADS) if size["pads"] == "apart" and size["pad_height"] else ()
-        )
-
-
-RodPart = _section_of("RodPart", _Rod, LinkParameters, ("length", "radius"))
-PlatePart = _section_of(
-    "PlatePart", _Plate, SliderParameters, ("depth", "width", "thickness")
-)
-_FROM = "Axes: x along it from the clamped end, from the section's centroid."
-BEAM_PARTS: dict[str, type[ParametricPart]] = {
-    shape: _section_of(
-        f"{shape.title()}Part", ParametricPart, beam, doc=f"{beam.__doc__} {_FROM}"
-    )
-    for shape, beam in BEAMS.items()
-}
-
-
-def solid_length(part: PartSection) -> float | None:
-    """Return the length from clamped end to reference point, m; None if it is not parametric."""
-    if not isinstance(part, ParametricPart):
-        return None
-    lengths = part.lengths()
-    return (
-        lengths["depth"] + lengths["pad_height"]
-        if part.shape == "plate"
-        else lengths["length"]
-    )
+PARAMETRIC = {name: _read_shape(shape) for name, shape in SHAPES.items()}
 
 
 class StepPart(SolidPart):
@@ -258,6 +262,7 @@ class StepPart(SolidPart):
     bodies made of it have these as ends, and are placed by their `at`, `x` and `y`.
     """
 
+    compliance: Literal["fea"] = "fea"  # pyright: ignore[reportIncompatibleVariableOverride]
     file: Annotated[str, Says('a path such as "arm.step"')]
     clamped: Faces | None = None
     loaded: Faces | None = None
@@ -266,15 +271,6 @@ class StepPart(SolidPart):
     x: v.Direction = (1.0, 0.0, 0.0)
     z: v.Direction = (0.0, 0.0, 1.0)
     reference_point: v.Point | None = None
-
-    @field_validator("compliance")
-    @classmethod
-    def _by_experiment(cls, value: Source) -> Source:
-        if value != "fea":
-            raise ValueError(
-                f'expected "fea" for a solid of a STEP file, got "{value}"'
-            )
-        return value
 
     def placement(self) -> Placement:
         """Return the part's axes for cad."""
@@ -404,9 +400,7 @@ class InterfacePart(PartSection):
 
 
 PARTS: dict[str, type[PartSection]] = {
-    "rod": RodPart,
-    "plate": PlatePart,
-    **BEAM_PARTS,
+    **PARAMETRIC,
     "step": StepPart,
     "matrix": MatrixPart,
 }
@@ -424,5 +418,5 @@ class MaterialSection(Section):
 
 _BULK = "An isotropic elastic material."
 _ALONG = "A transversely isotropic material, fibres along the part's x."
-Isotropic = _section_of("Isotropic", MaterialSection, Material, doc=_BULK)
-Fibrous = _section_of("Fibrous", MaterialSection, TransverselyIsotropic, doc=_ALONG)
+Isotropic = _section_of("Isotropic", MaterialSection, Material, __doc__=_BULK)
+Fibrous = _section_of("Fibrous", MaterialSection, TransverselyIsotropic, __doc__=_ALONG)

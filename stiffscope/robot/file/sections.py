@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import (
@@ -12,6 +12,7 @@ from pydantic import (
     Discriminator,
     Field,
     Tag,
+    create_model,
     field_validator,
     model_validator,
 )
@@ -21,7 +22,7 @@ from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file import values as v
 from stiffscope.robot.file.element_sections import Elements
 from stiffscope.robot.file.values import Says, Section
-from stiffscope.vjm.model.joints import DRIVEN, FREE
+from stiffscope.vjm.model.joints import JOINT_TYPES, JointType
 
 AXES = ("x", "y", "z", "rx", "ry", "rz")
 Name = Annotated[str, Says("a name")]
@@ -175,6 +176,8 @@ class JointSection(Section):
     compliance: AnyBearing | None = None
     bearing: Bearings = None
 
+    made: ClassVar[JointType]
+
     def yielding(self, axes: np.ndarray) -> np.ndarray:
         """Return the compliance (6, 6) of its bearing in the joint's axes; zero in free directions.
 
@@ -185,10 +188,11 @@ class JointSection(Section):
             return np.diag(self._diagonal())
         total = sum((each.stiffness(axes) for each in self.bearing), np.zeros((6, 6)))
         size = np.sqrt(np.diagonal(total).clip(min=0.0))
-        driven = DRIVEN[self.type] if getattr(self, "drive", None) is not None else None
+        free = self.made.free
+        driven = self.made.driven if getattr(self, "drive", None) is not None else None
         held = [i for i in range(6) if size[i] > 0.0]
-        loose = [AXES[i] for i in range(6) if i not in {*held, *FREE[self.type]}]
-        stuck = [AXES[i] for i in held if i in FREE[self.type] and i != driven]
+        loose = [AXES[i] for i in range(6) if i not in {*held, *free}]
+        stuck = [AXES[i] for i in held if i in free and i != driven]
         if loose or stuck:
             wanted = (
                 f"hold {', '.join(loose)} too"
@@ -217,69 +221,35 @@ class JointSection(Section):
                 given.tilting,
             )
         return tuple(
-            0.0 if i in FREE[self.type] else value for i, value in enumerate(given)
+            0.0 if i in self.made.free else value for i, value in enumerate(given)
         )
 
 
-class FixedJoint(JointSection):
-    """Holds all motions; its axes are the base axes."""
+def _read_joint_type(made: JointType) -> type[JointSection]:
+    """Create the section of a type of joint; an axis is at choice where only its bearing asks for it."""
+    keys: dict[str, Any] = {}
+    if made.needed_axes:
+        keys["axis"] = (v.Direction, ...)
+    elif made.free:
+        keys["axis"] = (v.Direction | None, None)
+    if made.needed_axes == 2:
+        keys["axis2"] = (v.Direction, ...)
+    if made.driven is not None:
+        drive = RotaryDrive if made.turns else LinearDrive
+        keys["drive"] = (drive | None, None)
+    if made.is_uniform:
+        spring = v.Torsion if made.turns else v.Stiffness
+        keys["spring"] = (spring | None, None)
+    if made.is_uniform and made.driven is not None:
+        keys["rest"] = (v.Angle if made.turns else v.Coordinate, 0.0)
+    name = f"{made.name.title()}Joint"
+    doc = made.about
+    section = create_model(name, __base__=JointSection, __doc__=doc, **keys)
+    section.made = made
+    return section
 
 
-class RevoluteJoint(JointSection):
-    """Rotates about its axis; if not driven, a spring may resist, N·m/rad, unloaded at `rest`, rad."""
-
-    axis: v.Direction
-    drive: RotaryDrive | None = None
-    spring: v.Torsion | None = None
-    rest: v.Angle = 0.0
-
-
-class PrismaticJoint(JointSection):
-    """Slides along its axis; if not driven, a spring (N/m) may resist, unloaded at `rest` (m)."""
-
-    axis: v.Direction
-    drive: LinearDrive | None = None
-    spring: v.Stiffness | None = None
-    rest: v.Coordinate = 0.0
-
-
-class CylindricalJoint(JointSection):
-    """Slides along its axis and rotates about it; a drive acts along the slide."""
-
-    axis: v.Direction
-    drive: LinearDrive | None = None
-
-
-class UniversalJoint(JointSection):
-    """Rotates about `axis` of its first body and `axis2` of its second; a `spring` resists each."""
-
-    axis: v.Direction
-    axis2: v.Direction
-    spring: v.Torsion | None = None
-
-
-class SphericalJoint(JointSection):
-    """Rotates about all axes, against a spring (N·m/rad); `axis` is axial for its bearing."""
-
-    axis: v.Direction | None = None
-    spring: v.Torsion | None = None
-
-
-class PlanarJoint(JointSection):
-    """Slides in the plane normal to its axis and rotates about the axis."""
-
-    axis: v.Direction
-
-
-JOINTS: dict[str, type[JointSection]] = {
-    "fixed": FixedJoint,
-    "revolute": RevoluteJoint,
-    "prismatic": PrismaticJoint,
-    "cylindrical": CylindricalJoint,
-    "universal": UniversalJoint,
-    "spherical": SphericalJoint,
-    "planar": PlanarJoint,
-}
+JOINTS = {name: _read_joint_type(made) for name, made in JOINT_TYPES.items()}
 
 
 class Copies(Section):

@@ -139,11 +139,9 @@ def map_(
         with ThreadPoolExecutor(1) as pool:
             drawn = pool.submit(draw_named_poses, made, folder)  # in a separate process
             title = f"{robot.name}: stiffness over the workspace, gravity {gravity}"
-            if isinstance(found, evaluated.StiffnessMap):
-                evaluated.write_map(found, folder, title)
-            else:
-                maps.write_volume(evaluated.volume_dataset(found, title), folder)
-                evaluated.write_rows(found, folder / "map.csv")
+            evaluated.write_map(found, folder, title)
+            if isinstance(found, evaluated.StiffnessVolume):
+                maps.write_volume(evaluated.volume_dataset(found), folder)
             for stem, (words, each, panels) in figures.items():
                 files = folder / f"{stem}.png", folder / f"{stem}.svg"
                 maps.draw_map(

@@ -164,7 +164,7 @@ def _drives(found: Inspection) -> None:
     rows = []
     for joint in found.mechanism.drives:
         if joint.drive is not None:
-            axis, unit = ("r", "N·m/rad") if joint.kind == "revolute" else ("x", "N/m")
+            axis, unit = ("r", "N·m/rad") if joint.turns else ("x", "N/m")
             ends = (
                 _show_limit(axis, each) for each in (joint.drive.low, joint.drive.high)
             )

@@ -283,10 +283,9 @@ def _mark(axes: Axes, found: StiffnessMap, poses: Poses) -> None:
 
 
 def write_volume(found: xr.Dataset, folder: Path) -> None:
-    """Write map.nc and map.vti with point data by variable; m and rad, NaN if out of reach."""
+    """Write map.vti with point data by variable; m and rad, NaN if out of reach."""
     import pyvista as pv
 
-    found.to_netcdf(folder / "map.nc", engine="scipy", format="NETCDF3_64BIT")
     order = next(iter(found.data_vars.values())).dims[::-1]
     places = [found[name].to_numpy() for name in order]
     starts, nexts = np.array([each[:2] for each in places]).T

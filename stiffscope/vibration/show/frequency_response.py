@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -10,6 +9,7 @@ import numpy as np
 
 from stiffscope.report.figures import new_figure, save_figures
 from stiffscope.report.page import Chart, Section, Series
+from stiffscope.runtime.formats import write_netcdf, write_table
 from stiffscope.vjm.model.mechanism import COORDINATES
 
 if TYPE_CHECKING:
@@ -57,17 +57,17 @@ def write(response: Response, folder: Path) -> None:
     title = f"{response.robot}: response at {response.target} to {response.source}"
     save_figures(folder, {"frf": lambda: figure(response, title)})
     parts = (f"{part} ({response.written_unit})" for part in ("real", "imaginary"))
-    with (folder / "frf.csv").open("w", newline="", encoding="utf-8") as stream:
-        table = csv.writer(stream, lineterminator="\n")
-        table.writerow(["pose", "frequency (Hz)", *parts, "magnitude", "phase (deg)"])
-        for name, z in zip(response.names, response.values, strict=True):
-            columns = response.hertz, z.real, z.imag, np.abs(z), np.angle(z, deg=True)
-            table.writerows(
-                [name, *(f"{v:.9g}" for v in row)] for row in np.transpose(columns)
-            )
-    as_dataset(response, title).to_netcdf(
-        folder / "frf.nc", engine="scipy", format="NETCDF3_64BIT"
-    )
+    z = response.values.ravel()
+    count = len(response.hertz)
+    columns = {
+        "pose": np.repeat(response.names, count),
+        "frequency (Hz)": np.tile(response.hertz, len(response.names)),
+        **dict(zip(parts, (z.real, z.imag), strict=True)),
+        "magnitude": np.abs(z),
+        "phase (deg)": np.angle(z, deg=True),
+    }
+    write_table(columns, folder / "frf", digits=9)
+    write_netcdf(as_dataset(response, title), folder / "frf.nc")
 
 
 def write_page(response: Response, report: Draft) -> None:

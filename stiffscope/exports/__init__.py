@@ -1,0 +1,1 @@
+"""Robots in the forms of other programs, one target a module."""

@@ -1,0 +1,126 @@
+"""An MJCF model in MuJoCo: its frequencies, its time step, its coordinates at poses."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from scipy.linalg import eigh
+
+from stiffscope.errors import InputError
+from stiffscope.exports.mjcf_tree import quaternion
+from stiffscope.vjm.model.screws import rotation_of
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from stiffscope.exports.mjcf_tree import Coordinate
+    from stiffscope.vjm.kinematics.configurations import Configurations
+    from stiffscope.vjm.model.screws import Array
+
+OLDEST = (4, 0)
+_STILL = (2.0 * np.pi * 0.1) ** 2  # rad²/s²: slower motions are free
+
+
+def load_mujoco() -> Any:
+    """Import MuJoCo. Raise InputError if it is missing or too old."""
+    try:
+        import mujoco
+    except ImportError as error:
+        cure = "install it by: python -m pip install mujoco"
+        raise InputError(
+            f"export: expected the package mujoco, got none; {cure}"
+        ) from error
+    version = tuple(int(word) for word in mujoco.__version__.split(".")[:2])
+    if version < OLDEST:
+        expected = "expected mujoco 4.0 or later, which knows all that the model needs"
+        cure = "update it by: python -m pip install -U mujoco"
+        raise InputError(f"export: {expected}, got {mujoco.__version__}; {cure}")
+    return mujoco
+
+
+def key_positions(
+    mujoco: Any, model: Any, coordinates: Sequence[Coordinate], found: Configurations
+) -> Array:
+    """Return the positions (n, nq) of an unloaded robot at poses."""
+    data = mujoco.MjData(model)
+    mujoco.mj_resetData(model, data)
+    out = np.tile(data.qpos, (len(found), 1))
+    values = {c.joint: found.coordinates(c.joint) for c in coordinates}
+    for coordinate in coordinates:
+        joint = model.joint(coordinate.name)
+        start = int(joint.qposadr[0])
+        value = values[coordinate.joint]
+        if coordinate.turn is None:
+            out[:, start] = value[:, coordinate.motion]
+            continue
+        for row, vector in enumerate(value):
+            turned = coordinate.turn.T @ vector
+            ball = quaternion(rotation_of(coordinate.sign * turned))
+            out[row, start : start + 4] = ball
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class Spectrum:
+    """Of a model at a position: natural frequencies, the highest possible one, tool compliance.
+
+    ``frequencies`` (c,) in Hz, ascending, without free motions; ``highest`` in Hz, with all drives
+    at their stiffest; ``compliance`` (6, 6) at the tool's site in base axes.
+    """
+
+    frequencies: Array
+    highest: float
+    compliance: Array
+
+
+def find_spectrum(mujoco: Any, model: Any, position: Array) -> Spectrum:
+    """Return the spectrum of an unloaded model at a position (nq,)."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = position
+    mujoco.mj_forward(model, data)
+    mass = np.zeros((model.nv, model.nv))
+    mujoco.mj_fullM(model, data, mass)
+    limited = model.actuator_forcelimited.astype(bool)
+    gains = -model.actuator_biasprm[: model.nu, 1]
+    plain = spring_stiffness(model, data, np.where(limited, 0.0, gains))
+    squares, shapes = eigh(plain, mass)
+    firm = squares > _STILL
+    highest = float(squares[-1])
+    if limited.any():
+        stiffest = np.where(limited, gains.clip(min=0.0), gains)
+        stiff = spring_stiffness(model, data, stiffest)
+        highest = float(eigh(stiff, mass, eigvals_only=True)[-1])
+    both = np.zeros((6, model.nv))
+    site = model.site("tool").id
+    mujoco.mj_jacSite(model, data, both[:3], both[3:], site)
+    seen = both @ shapes[:, firm]
+    return Spectrum(
+        np.sqrt(squares[firm]) / (2.0 * np.pi),
+        np.sqrt(highest) / (2.0 * np.pi),
+        (seen / squares[firm]) @ seen.T,
+    )
+
+
+def spring_stiffness(model: Any, data: Any, gains: Array) -> Array:
+    """Return the stiffness (nv, nv) of joints, tendons and actuators (nu,) at a position."""
+    out = np.zeros((model.nv, model.nv))
+    for joint in range(model.njnt):
+        at = model.jnt_dofadr[joint]
+        count = 3 if model.jnt_type[joint] == 1 else 1
+        out[range(at, at + count), range(at, at + count)] = model.jnt_stiffness[joint]
+    tendons = np.zeros((model.ntendon, model.nv))
+    for row in range(model.ntendon):
+        start = model.tendon_adr[row]
+        for k in range(start, start + model.tendon_num[row]):
+            column = model.jnt_dofadr[model.wrap_objid[k]]
+            tendons[row, column] = model.wrap_prm[k]
+    out += tendons.T @ (model.tendon_stiffness[:, None] * tendons)
+    moments = np.zeros((model.nu, model.nv))
+    for row in range(model.nu):
+        start = data.moment_rowadr[row]
+        some = slice(start, start + data.moment_rownnz[row])
+        moments[row, data.moment_colind[some]] = data.actuator_moment[some]
+    out += moments.T @ (gains[:, None] * moments)
+    return 0.5 * (out + out.T)

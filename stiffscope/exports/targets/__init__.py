@@ -1,0 +1,1 @@
+"""The targets of `stiffscope export`: every module defines ``TARGET`` and is named as `--to` has it."""

@@ -1,0 +1,1 @@
+"""Regenerative chatter: depths of cut that stay stable."""

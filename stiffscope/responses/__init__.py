@@ -1,0 +1,1 @@
+"""Measured frequency responses: files, units, and what they show of themselves."""

@@ -1,0 +1,46 @@
+"""Every target carries all its facts, and the command asks it."""
+
+import json
+
+import pytest
+
+from stiffscope.cli.main import _guarded
+from stiffscope.exports.target import load_target, target_names
+
+
+@pytest.mark.parametrize("name", target_names())
+def test_a_target_has_its_name_a_sentence_and_files(name):
+    target = load_target(name)
+    assert target.name == name
+    assert target.help.endswith(".")
+    assert target.files
+    assert all(target.files.values())
+
+
+@pytest.mark.parametrize("name", ["mjcf", "urdf"])
+def test_the_command_writes_the_files_that_a_target_states(name, tmp_path):
+    folder = tmp_path / "out"
+    answer = tmp_path / "answer.json"
+    words = ["export", "serial-arm", "--to", name, "--at", "home", "--quiet"]
+    assert _guarded([*words, "--out", str(folder), "--json", str(answer)]) == 0
+    stated = {file.format(robot="serial-arm") for file in load_target(name).files}
+    assert stated == set(json.loads(answer.read_text())["files"])
+    assert stated < {file.name for file in folder.iterdir()}
+
+
+@pytest.mark.parametrize(
+    ("option", "message"),
+    [
+        (["--highest", "fast"], "--highest fast"),
+        (["--highest", "-2 Hz"], "expected a frequency above 0"),
+        (["--at", "nowhere"], "--at nowhere"),
+    ],
+)
+def test_a_wrong_option_leaves_nothing_behind(option, message, tmp_path, capsys):
+    folder = tmp_path / "out"
+    words = ["export", "serial-arm", "--to", "mjcf", *option, "--out", str(folder)]
+    assert _guarded(words) == 2
+    said = capsys.readouterr().err
+    assert message in said
+    assert said.count("\n") == 1
+    assert not folder.exists()

@@ -1,0 +1,153 @@
+"""Weight acts on every machine, or on nothing: an arm that sags, by its own equilibrium in numpy."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from stiffscope.gap.campaigns import diagnose, open_case
+
+ARM = """name = "arm"
+[bodies.link1]
+mass = "12 kg"
+centre = [0, 0, 0.25]
+[bodies.link2]
+mass = "8 kg"
+centre = [0, 0, 0.65]
+[bodies.link3]
+mass = "5 kg"
+centre = [0.2, 0, 0.9]
+[joints.J1]
+between = ["ground", "link1"]
+type = "revolute"
+at = [0, 0, 0]
+axis = [0, 0, 1]
+drive = { stiffness = "60 kN*m/rad" }
+[joints.J2]
+between = ["link1", "link2"]
+type = "revolute"
+at = [0, 0, 0.4]
+axis = [0, 1, 0]
+drive = { stiffness = "50 kN*m/rad" }
+[joints.J3]
+between = ["link2", "link3"]
+type = "revolute"
+at = [0, 0, 0.9]
+axis = [0, 1, 0]
+drive = { stiffness = "30 kN*m/rad" }
+[tool]
+body = "link3"
+at = [0.45, 0, 0.9]
+pose = ["x", "y", "z"]
+[gravity]
+direction = [0, 0, -1]
+"""
+AXES = np.array([[0.0, 0, 1], [0, 1, 0], [0, 1, 0]])
+POINTS = np.array([[0.0, 0, 0], [0, 0, 0.4], [0, 0, 0.9]])
+CENTRES = np.array([[0, 0, 0.25], [0, 0, 0.65], [0.2, 0, 0.9]])
+MASSES = np.array([12.0, 8.0, 5.0])
+STIFFNESS = np.array([60e3, 50e3, 30e3])
+TOOL = np.array([0.45, 0, 0.9])
+
+
+def turn(axis, angle):
+    """Rodrigues."""
+    k = np.cross(axis, np.eye(3)).T
+    return np.eye(3) + np.sin(angle) * k + (1 - np.cos(angle)) * k @ k
+
+
+def places(q, points):
+    """Points (k, 3), one carried by each link (the last by link 3), at joint angles q (3,)."""
+    out = []
+    for link, home in points:
+        at = np.array(home)
+        for j in reversed(range(link + 1)):
+            at = POINTS[j] + turn(AXES[j], q[j]) @ (at - POINTS[j])
+        out.append(at)
+    return np.array(out)
+
+
+def sag(q, stiffness, force=(0, 0, 0), masses=MASSES, gravity=9.81):
+    """Motion (3,) of the tool at the equilibrium reached, by a fixed point on joint torques."""
+    heavy = [(k, CENTRES[k]) for k in range(3)]
+    away = np.zeros(3)
+    for _ in range(60):
+        step = 1e-6
+        torque = np.zeros(3)
+        for j in range(3):
+            ahead, behind = (
+                energy(
+                    q + away + s * step * np.eye(3)[j], heavy, masses, gravity, force
+                )
+                for s in (1, -1)
+            )
+            torque[j] = -(ahead - behind) / (2 * step)
+        away = torque / stiffness
+    return places(q + away, [(2, TOOL)])[0] - places(q, [(2, TOOL)])[0]
+
+
+def energy(q, heavy, masses, gravity, force):
+    at = places(q, [*heavy, (2, TOOL)])
+    return gravity * masses @ at[:3, 2] - np.dot(force, at[3])
+
+
+def write(folder, rows, header="", robot=ARM):
+    folder.mkdir()
+    (folder / "robot.toml").write_text(robot)
+    (folder / "campaign.toml").write_text(
+        f'robot = "robot.toml"\nreadings = "readings.csv"\n{header}\n'
+    )
+    names = "q:J1,q:J2,q:J3,fx,fy,fz,quantity,value,sigma"
+    (folder / "readings.csv").write_text("\n".join([names, *rows]) + "\n")
+    return folder
+
+
+def rows_of(q, vector, sigma, rng, force=None, kind="e", stated=True):
+    pulled = ",,," if force is None else ",".join(f"{f:.9g}" for f in force) + ","
+    at = ",".join(f"{v:.12g}" for v in q)
+    told = f"{sigma:g}" if stated else ""
+    return [
+        f"{at},{pulled}{kind}{axis},{v + sigma * rng.standard_normal():.12g},{told}"
+        for axis, v in zip("xyz", vector, strict=True)
+    ]
+
+
+def sagging(folder, factors, header="", poses=24, seed=0, sigma=3e-6):
+    rng = np.random.default_rng(seed)
+    rows = []
+    for _ in range(poses):
+        q = rng.uniform([-1.5, -0.8, -1.2], [1.5, 0.8, 1.2])
+        rows += rows_of(q, sag(q, factors * STIFFNESS), sigma, rng)
+    return write(folder, rows, header)
+
+
+@pytest.mark.parametrize("header", ["", "modelled = []"])
+def test_sag_of_soft_drives_is_no_payload(tmp_path, header):
+    """Absent: the weight is modelled. Stated as absent: it is tried before any payload."""
+    folder = sagging(tmp_path / "c", np.array([1.0, 0.5, 0.667]), header)
+    assert open_case(folder).campaign.is_weighed is not bool(header)
+    found = diagnose(folder)
+    names = {f"{e.effect} @ {e.place}" for e in found.effects}
+    assert found.verdict in {"identified", "ambiguous"}
+    assert not any(e.effect in {"payload", "mass"} for e in found.effects)
+    assert ("gravity @ robot" in names) is bool(header)
+    assert found.gap.chi2_per_reading[1] == pytest.approx(1.0, abs=0.4)
+
+
+def test_what_shows_of_a_mass_is_its_moment(tmp_path):
+    """14 kg hung on a wrist of 5 kg: named, within the body, or as a moment about its joint."""
+    rng = np.random.default_rng(4)
+    rows = []
+    heavier = MASSES + np.array([0, 0, 9.0])
+    for _ in range(24):
+        q = rng.uniform([-1.5, -0.8, -1.2], [1.5, 0.8, 1.2])
+        rows += rows_of(q, sag(q, STIFFNESS, masses=heavier), 3e-6, rng)
+    found = diagnose(write(tmp_path / "c", rows))
+    (effect,) = found.effects
+    group = {f"{effect.effect} @ {effect.place}", *effect.confused_with}
+    assert group & {"payload @ link3", "mass @ link3"}
+    assert found.gap.chi2_per_reading[1] == pytest.approx(1.0, abs=0.4)
+    if "moment_x" in effect.parameters:
+        moment = effect.parameters["moment_x"]
+        assert moment.value == pytest.approx(9.0 * 0.2, abs=3 * moment.sigma)
+    assert all(p.plausible for p in effect.parameters.values())
