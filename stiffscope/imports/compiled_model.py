@@ -15,6 +15,7 @@ import numpy as np
 
 from stiffscope.errors import InputError, meant
 from stiffscope.imports.model_inertia import set_aside_inertias
+from stiffscope.imports.model_loops import close_loops
 from stiffscope.robot.file.quantities import ANGLE, LENGTH, to_si
 from stiffscope.robot.file.tables import list_some, unknown_key
 from stiffscope.runtime.reading import MOST_BYTES, read_text
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
+    from stiffscope.imports.model_loops import Loops
     from stiffscope.runtime.types import Array
 
 GROUND = "ground"
@@ -135,10 +137,13 @@ def print_safely(text: str) -> str:
     return "".join(each if each.isprintable() else "_" for each in text)
 
 
-def compile_at_home(path: Path, home: Mapping[str, float]) -> CompiledModel:
+def compile_at_home(
+    path: Path, home: Mapping[str, float], loops: Loops | None = None
+) -> CompiledModel:
     """Compile a model, whose meshes need not exist, and evaluate its kinematics at home.
 
     ``home``: positions of hinges (rad) and slides (m); by default keyframe "home" or the zero pose.
+    ``loops``: loops of a URDF.
     Raises InputError if MuJoCo is missing, the file is not a model, or its loops do not close.
     """
     try:
@@ -158,7 +163,7 @@ def compile_at_home(path: Path, home: Mapping[str, float]) -> CompiledModel:
     try:
         with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
-            model, notes, aside = _compile(library, path, content)
+            model, notes, aside = _compile(library, path, content, loops)
         said += [str(each.message) for each in warned]
         _check_finite(path, model)
         model.opt.disableflags &= ~int(library.mjtDisableBit.mjDSBL_EQUALITY)
@@ -181,7 +186,7 @@ def is_urdf(content: bytes) -> bool:
 
 
 def _compile(
-    mj: Any, path: Path, content: bytes
+    mj: Any, path: Path, content: bytes, loops: Loops | None
 ) -> tuple[Any, list[str], dict[int, Array]]:
     """Return the compiled model, notes on omissions, and impossible inertias by body."""
     many = re.search(rb"<replicate\b[^>]*\bcount\s*=\s*.0*[1-9]\d{4}", content)
@@ -212,7 +217,7 @@ def _compile(
         least.boundinertia = max(least.boundinertia, 1e-15)
         balanced = bool(least.balanceinertia)
         aside = set_aside_inertias(mj, spec)
-        notes = []
+        notes = [] if loops is None else close_loops(mj, spec, loops)
         if balanced and aside:
             mean = "which would replace an inertia by its mean"
             notes.append(f"balanceinertia of the source, {mean}, is not applied")

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from stiffscope.imports.compiled_model import CompiledModel
+    from stiffscope.imports.model_loops import Loops
     from stiffscope.runtime.types import Array
 
 _LEAST_MASS = 1e-8  # kg; less is the minimum that MuJoCo assigns to massless bodies
@@ -93,16 +94,18 @@ def read_model(
     tool: str | None = None,
     home: Mapping[str, float] | None = None,
     drives: Sequence[str] = (),
+    loops: Loops | None = None,
 ) -> SimulatorModel:
     """Read a URDF or MJCF file, whose meshes need not exist, as a model at its home.
 
     ``tool``: body or site; by default a usually named site, else the last body of the longest
     chain. ``home``: positions of hinges (rad) and slides (m); by default those of the keyframe
     "home" or the zero pose, as far as loops permit. ``drives``: patterns of the driven joints.
+    ``loops``: those of a URDF, which is a tree.
     Raises InputError if MuJoCo is missing, the file is not a model, loops do not close, or there is
     no such tool.
     """
-    source = compile_at_home(Path(path), home or {})
+    source = compile_at_home(Path(path), home or {}, loops)
     joints = _name_apart([*_tree_joints(source, drives), *_closing_joints(source)])
     beyond = [j.name for j in joints if j.range and not j.range[0] <= 0.0 <= j.range[1]]
     if beyond:

@@ -13,6 +13,7 @@ from stiffscope.imports.compiled_model import compile_at_home
 from stiffscope.imports.import_model import import_model
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.reader import load_robot
+from stiffscope.vjm.kinematics.configurations import configure
 from stiffscope.vjm.statics.analysis import analyse
 from tests.robot import at_home
 
@@ -867,3 +868,90 @@ def test_a_material_that_is_none_is_refused_for_a_urdf(imported, tmp_path):
         InputError, match="--material: expected a STEP assembly or a URDF"
     ):
         imported(FOUR_BAR, ".xml", materials=["*=steel"])
+
+
+FIVE_BAR = """<robot name="five-bar"><link name="base"/>
+  {links}
+  {joints}
+</robot>"""
+
+
+def _five_bar(tmp_path, kind="6d", frame="left_end"):
+    """Two arms of two links in the plane x, z, whose ends coincide only if the elbows are bent."""
+    links = ["left_1", "left_2", "left_end", "right_1", "right_2", "right_end"]
+    mass = '<inertial><mass value="1"/><inertia ixx="1e-2" iyy="1e-2" izz="1e-2" ixy="0" ixz="0" iyz="0"/></inertial>'
+    bodies = "".join(
+        f'<link name="{n}">{"" if "end" in n else mass}</link>' for n in links
+    )
+    rows = [
+        ("left_1", "revolute", "base", "left_1", "0 0 0"),
+        ("left_2", "revolute", "left_1", "left_2", "-0.1 0 0.2"),
+        ("left_3", "fixed", "left_2", "left_end", "0.16 0 0.2"),
+        ("right_1", "revolute", "base", "right_1", "0.1 0 0"),
+        ("right_2", "revolute", "right_1", "right_2", "0.1 0 0.2"),
+        ("right_3", "revolute", "right_2", "right_end", "-0.15 0 0.2"),
+    ]
+    joints = "".join(
+        f'<joint name="{n}" type="{t}"><parent link="{p}"/><child link="{c}"/><origin xyz="{o}"/><axis xyz="0 1 0"/>'
+        '<limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
+        for n, t, p, c, o in rows
+    )
+    (tmp_path / "loops.yaml").write_text(
+        f"closed_loop: [['{frame}', 'right_end']]\ntype: ['{kind}']\nname_mot: ['left_1', 'right_1']\n"
+    )
+    return FIVE_BAR.format(links=bodies, joints=joints)
+
+
+@pytest.mark.parametrize("kind", ["6d", "3D"])
+def test_loops_beside_a_urdf_close_it(imported, tmp_path, kind):
+    """Two drives, two coordinates; the closed frames coincide, and K is that of J^-T k J^-1 by differences."""
+    text = _five_bar(tmp_path, kind)
+    model, robot, _ = imported(
+        text,
+        ".urdf",
+        drives=["left_1=1000 N*m/rad", "right_1=2000 N*m/rad"],
+        loops=tmp_path / "loops.yaml",
+        tool="left_end",
+    )
+    (loop,) = [j for name, j in robot.joints.items() if name.startswith("loop")]
+    assert loop.type == ("fixed" if kind == "6d" else "spherical")
+    assert robot.tool.pose == ("x", "z")
+    assert any("1 loops are closed as loops.yaml says" in note for note in model.notes)
+    mechanism = mechanism_of(robot, {})
+    home = mechanism.tool.home
+    step = 1e-5
+    poses = home + step * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+    drives = configure(mechanism, poses).drives
+    rates = np.array([drives[0] - drives[1], drives[2] - drives[3]]).T / (2 * step)
+    expected = rates.T @ np.diag([1000.0, 2000.0]) @ rates
+    found = np.linalg.inv(
+        analyse(mechanism, home[None]).compliance[0][np.ix_([0, 2], [0, 2])]
+    )
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (
+            "closed_loop: [['left_edn', 'right_end']]",
+            'got "left_edn"; did you mean "left_end"',
+        ),
+        ("closed_loop: [['left_end']]", "expected pairs of frames"),
+        (
+            "closed_loop: [['left_end', 'right_end']]\ntype: ['5d']",
+            '"3d" or "6d" for each of 1',
+        ),
+        ("loops: 3", "closed_loop: expected pairs of frames, got none"),
+        ("a: [", "expected YAML"),
+        (
+            "closed_loop: []\njoint_name: ['left_1']\njoint_type: ['HELIX']",
+            "expected one of SPHERICAL",
+        ),
+    ],
+)
+def test_loops_that_are_none_are_refused(imported, tmp_path, content, message):
+    text = _five_bar(tmp_path)
+    (tmp_path / "loops.yaml").write_text(content)
+    with pytest.raises(InputError, match=message):
+        imported(text, ".urdf", loops=tmp_path / "loops.yaml")

@@ -133,19 +133,12 @@ def test_a_pose_that_cannot_be_commanded_is_refused_at_its_line(
     ],
 )
 def test_a_part_of_another_shape_or_material_has_no_published_matrix(change):
-    robot = load_robot("biglide")
-    assert _list_sources(robot, "slider")["published"] is not None
-    assert _list_sources(robot, "link")["published"] is not None
-    other = load_robot("biglide", [change])
-    assert _list_sources(other, "slider")["published"] is None
-    assert (_list_sources(other, "link")["published"] is None) == (
-        "materials" in change
-    )
-    assert (
-        _list_sources(load_robot("biglide", ["link.bore=5mm"]), "link")["published"]
-        is None
-    )
-    assert (
-        _find_printed(load_robot("biglide", ["slider.rib_height=9mm"]), "slider")
-        is not None
-    )
+    def printed(part, *changes):
+        return _list_sources(load_robot("biglide", changes), part)["published"]
+
+    assert printed("slider") is not None
+    assert printed("link") is not None
+    assert printed("slider", change) is None
+    assert (printed("link", change) is None) == ("materials" in change)
+    assert printed("link", "link.bore=5mm") is None
+    assert printed("slider", "slider.rib_height=9mm") is not None

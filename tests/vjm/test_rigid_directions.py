@@ -491,3 +491,22 @@ def test_the_one_pose_of_what_cannot_move_is_an_empty_one(drives):
     assert found.poses.shape == (3, 0)
     soft = analyse(m, found).compliance[:, 0, 0]
     assert np.allclose(soft, 1e-5 if drives else 1e-6 * (1 + 0.01))
+
+
+def test_a_tool_that_moves_freely_is_not_rigid():
+    """A slide without a drive: no compliance exists, and nothing is called rigid."""
+    joint = Joint(
+        "slide",
+        "ground",
+        "body",
+        "prismatic",
+        [0, 0, 0],
+        [1, 0, 0],
+        compliance=np.diag([0, 1e-8, 1e-8, 1e-6, 1e-6, 1e-6]),
+    )
+    m = Mechanism(
+        (Body("body", 1.0, [0, 0, 0]),), (joint,), Tool("body", [0, 0, 0.1], ("x",))
+    )
+    state = analyse(m, m.tool.home[None])
+    assert state.mobility.tolist() == [1]
+    assert not state.nearly_rigid.any()

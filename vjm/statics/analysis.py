@@ -115,8 +115,13 @@ class Stiffness(Labelled):
 
     @property
     def nearly_rigid(self) -> NDArray[np.bool_]:
-        """Directions (n, 6) that are rigid, or stiffer than the others by a million."""
-        return nearly_rigid(self.alone, self.configurations.linkage.length)
+        """Directions (n, 6) that are rigid, or stiffer than the others by a million.
+
+        None where the compliance is unknown, as the tool moves freely.
+        """
+        known = np.isfinite(self.compliance).all(axis=(1, 2))
+        found = nearly_rigid(self.alone, self.configurations.linkage.length)
+        return found & known[:, None]
 
     @property
     def finite(self) -> Array:
