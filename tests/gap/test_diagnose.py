@@ -113,9 +113,10 @@ def test_the_forward_model_agrees_with_the_lab_for_every_effect(effect, place):
         rotation=1e-12,
         stiffness=1e-9,
     )
-    values = predicted(quiet, ROBOT, effect, place, parameters)
     sigma = np.where(quiet.direction < 3, 1e-6, 5e-6)
     sigma = np.where(quiet.kind == 2, 0.01 * np.abs(quiet.value), sigma)
+    quiet = replace(quiet, sigma=9.0 * sigma)  # beside which first order is enough
+    values = predicted(quiet, ROBOT, effect, place, parameters)
     assert np.abs((values - quiet.value) / sigma).max() < 0.5
 
 
@@ -137,6 +138,7 @@ def test_gravity_and_expansion_are_those_of_the_robot(effect, place):
         rotation=1e-12,
     )
     sigma = np.where(quiet.direction < 3, 1e-6, 5e-6)
+    quiet = replace(quiet, sigma=sigma)  # beside which first order is enough
     mars = nominal_robot(*on_mars)
     right = predicted(quiet, mars, effect, place, SIZES[effect])
     wrong = predicted(quiet, ROBOT, effect, place, SIZES[effect])

@@ -14,6 +14,8 @@ from stiffscope.vjm.vibration.coordinates import sum_squares
 from stiffscope.vjm.vibration.pencil import form_pencils
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import ArrayLike, NDArray
 
     from stiffscope.vjm.kinematics.configurations import Configurations
@@ -83,13 +85,60 @@ def frequency_response(
         raise InputError(
             f"damping: expected a ratio of at least 0 and below 1, got {damping}"
         )
+    modal = expand_ports(mechanism, found, (source, target), drives=drives)
+    part = modal.displacement[0] * modal.displacement[1]
+    omega = 2.0 * np.pi * hertz[:, None]
+    resistance = 2.0 * damping * np.sqrt(modal.stiffness * modal.mass)
+    dynamic = modal.stiffness - omega**2 * modal.mass + 1j * omega * resistance
+    used = part != 0.0
+    return (part[used] / dynamic[:, used]).sum(axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class ModalPorts:
+    """Modes of a mechanism at a pose, and what ports do in them.
+
+    ``mass`` (c,) and ``stiffness`` (c,) of every mode, one of them above zero: a mode without mass
+    follows statically, one without stiffness is a free motion; ``displacement`` (p, c) of p ports.
+    """
+
+    mass: Array
+    stiffness: Array
+    displacement: Array
+    shift: float
+    """Squared angular frequency of the order of the lowest, (rad/s)²."""
+
+
+def expand_ports(
+    mechanism: Mechanism,
+    found: Configurations,
+    ports: Sequence[Port],
+    *,
+    drives: Drives = "held",
+) -> ModalPorts:
+    """Return all modes at one configuration, and the displacement of ports in each.
+
+    Parameters
+    ----------
+    mechanism, found, drives
+        As for `frequency_response`.
+    ports
+        Points and directions of forces and responses.
+
+    Raises
+    ------
+    InputError
+        If a port has no body or moves freely without inertia.
+    """
     ((pencil, _),) = form_pencils(mechanism, found.require_valid()[:1], drives)
     vectors = pencil.all_vectors()[1][None]
     idle = pencil.empty_motions.shape[1]
     both = np.concatenate([vectors, pencil.empty_motions[None]], axis=2)
     spread = pencil.basis @ (pencil.scale[:, None] * both)
-    ends = [_displace_port(pencil.system, port, spread)[0] for port in (source, target)]
-    for port, end in zip((source, target), ends, strict=True):
+    ends = np.array(
+        [_displace_port(pencil.system, port, spread)[0] for port in ports]
+    ).reshape(len(ports), -1)
+    for port, end in zip(ports, ends, strict=True):
         if idle and np.abs(end[-idle:]).max() > _FREELY * np.abs(end).max():
             where = port.node or "tool"
             raise InputError(
@@ -100,15 +149,8 @@ def frequency_response(
     mass = sum_squares(pencil.system.inertias, full)[0]
     stiffness = sum_squares(pencil.system.strain_rows, full)[0]
     inert = (mass > 0.0) | (stiffness > 0.0)
-    part = (ends[0][:count] * ends[1][:count])[inert]
-    mass = mass[inert]
-    stiffness = stiffness[inert]
-    omega = 2.0 * np.pi * hertz[:, None]
-    dynamic = (
-        stiffness - omega**2 * mass + 2j * damping * omega * np.sqrt(stiffness * mass)
-    )
-    used = part != 0.0
-    return (part[used] / dynamic[:, used]).sum(axis=1)
+    shown = ends[:, :count][:, inert]
+    return ModalPorts(mass[inert], stiffness[inert], shown, pencil.shift)
 
 
 def _displace_port(system: Coordinates, port: Port, vectors: Array) -> Array:

@@ -17,7 +17,7 @@ AXES = kinds.AXES
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 JOINT = "q:"
 """Prefix of coordinates that are displacements of driven joints from home."""
-QUANTITIES = tuple(kinds.QUANTITY[code].name for code in kinds.NAMED.tolist())
+QUANTITIES = tuple(each.name for each in kinds.QUANTITY if each.name)
 """Names of the quantities as in tables, in the order of their codes."""
 KINDS = tuple(kind.name for kind in kinds.KINDS)
 DEFLECTION = kinds.number_of(kinds.DEFLECTION)

@@ -352,11 +352,12 @@ class RobotAtPoses:
         """What predicts the readings, with the rows (m,) of which it does."""
         kind = self.campaign.kind
         served: dict[Predictor, list[int]] = {}
-        for number in np.unique(kind).tolist():
+        numbers: list[int] = np.unique(kind).tolist()
+        for number in numbers:
             served.setdefault(KINDS[number].predictor, []).append(number)
         return tuple(
-            (predictor, np.flatnonzero(np.isin(kind, numbers)))
-            for predictor, numbers in served.items()
+            (predictor, np.flatnonzero(np.isin(kind, own)))
+            for predictor, own in served.items()
         )
 
 

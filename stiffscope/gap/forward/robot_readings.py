@@ -153,10 +153,10 @@ class RobotReadings(InstrumentReadings):
 
         For positions and distances, it excludes the motion by geometric errors.
         """
-        out = find_second_order(self)
+        linear = np.zeros((len(self.campaign), 6))
         for k, mine in self.by_sensor(self.is_motion):
-            out[mine] += self._motion(k, mine)
-        return out
+            linear[mine] = self._motion(k, mine)
+        return linear + find_second_order(self, linear)
 
     @cached_property
     def length(self) -> float:

@@ -47,48 +47,43 @@ class SecondOrderSettings:
 SETTINGS = SecondOrderSettings()
 
 
-def find_second_order(readings: RobotReadings) -> Array:
+def find_second_order(readings: RobotReadings, linear: Array) -> Array:
     """Return the motions (n, 6) of readings at equilibrium less those of first order.
 
     Zero where they are far below the noise, and where no equilibrium is found.
+
+    Parameters
+    ----------
+    readings
+        The robot with its effects.
+    linear
+        Motions (n, 6) of first order.
     """
     out = np.zeros((len(readings.campaign), 6))
-    estimate = _estimate(readings)
+    estimate = _estimate(readings, linear)
     if not estimate.max(initial=0.0) > SETTINGS.visible:
         return out
     rows = np.flatnonzero(estimate > SETTINGS.slight)
-    at_work = _Equilibria(readings, rows)
     try:
-        out[rows] = at_work.difference
+        out[rows] = _Equilibria(readings, rows).difference
     except (InputError, np.linalg.LinAlgError):
         return out
     return out
 
 
-def _estimate(readings: RobotReadings) -> Array:
+def _estimate(readings: RobotReadings, linear: Array) -> Array:
     """Return the expected second order (n,) of readings of motions over their noise."""
     c = readings.campaign
-    state = readings.elastic_state
     length = readings.length
-    out = np.zeros(len(c))
-    noise = readings.expected_noise
-    for k, mine in readings.by_sensor(readings.is_motion):
-        loads = readings.applied_loads[mine]
-        rest = np.broadcast_to(readings.rest_loads, loads.shape)
-        sizes: list[tuple[Array, Array]] = []
-        for motion in (state.move_sensor(k), state.tool):
-            there = motion[c.pose[mine]]
-            whole = np.einsum("nij,nj->ni", there, loads)
-            dead = np.einsum("nij,nj->ni", there, rest)
-            both = np.where(
-                c.shows_rest[mine, None], whole, np.abs(whole) + np.abs(dead)
-            )
-            sizes.append((np.linalg.norm(whole[:, :3], axis=1), _turn(both, length)))
-        shift = np.maximum(sizes[0][0], sizes[1][0])
-        turn = np.maximum(sizes[0][1], sizes[1][1])
-        rotates = c.direction[mine] >= 3
-        out[mine] = turn * np.where(rotates, turn, shift) / noise[mine]
-    return out
+    turn = _turn(linear, length)
+    apart = readings.is_motion & ~c.shows_rest
+    if readings.weighs and apart.any():
+        for k, mine in readings.by_sensor(apart):
+            rest = readings.elastic_state.move_sensor(k) @ readings.rest_loads
+            turn[mine] += _turn(rest, length)[c.pose[mine]]
+    shift = np.linalg.norm(linear[:, :3], axis=1)
+    size = turn * np.where(c.direction >= 3, turn, shift)
+    return np.where(readings.is_motion, size / readings.expected_noise, 0.0)
 
 
 def _turn(twist: Array, length: float) -> Array:

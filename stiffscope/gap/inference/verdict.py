@@ -213,6 +213,12 @@ def _explains_little(found: Findings, whole: Hypothesis, candidate: Candidate) -
         1.0 - _excess(found, after) / max(_excess(found, before), 1e-300)
         for before, after in ((rest, whole), (found.none, alone))
     )
+    if lack_of_fit(
+        found, whole
+    ):  # errors of the model are left, which anything fits in part
+        ratio = found.chi2(whole) / max(found.chi2(rest), 1e-300)
+        own = 1.0 - _excess(found, alone) / max(gap, 1e-300)
+        shares = (1.0 - float(np.sqrt(ratio)), own)
     together = 1.0 - _excess(found, whole) / max(gap, 1e-300)
     return max(shares) < VERDICT.explains or together < VERDICT.explains
 

@@ -73,7 +73,7 @@ def _describe(
             separates, gain, pose=c.pose_names[pose], quantity=QUANTITY[code].name
         )
     read = np.unique(c.sensor[rows])
-    kind = KINDS[KIND_OF[code]].name
+    kind = KINDS[int(KIND_OF[code])].name
     return NextMeasurement(
         separates,
         gain,

@@ -77,9 +77,8 @@ NOISE_GROUP_OF = _number_groups()
 def _number_units() -> Indices:
     names = [
         "" if kind.is_relative else kind.unit(turns=quantity.direction >= 3)
-        for kind, quantity in zip(
-            [KINDS[k] for k in KIND_OF.tolist()], QUANTITY, strict=True
-        )
+        for kind in KINDS
+        for quantity in kind.quantities
     ]
     known = list(dict.fromkeys(names))
     return np.array([known.index(name) for name in names])
