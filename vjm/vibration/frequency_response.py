@@ -179,8 +179,12 @@ def superpose_modes(
     stiffness = modal.stiffness[used, None]
     mass = modal.mass[used, None]
     resistance = 2.0 * ratio[used, None] * np.sqrt(stiffness * mass)
-    dynamic = stiffness - omega**2 * mass + 1j * omega * resistance  # (c, f)
-    return rest[:, None] + part[:, used] @ (1.0 / dynamic)
+    # real and imaginary part of 1 / (reactance + i loss), (c, f): half the work of complex numbers
+    reactance = stiffness - omega**2 * mass
+    loss = omega * resistance
+    inverse = 1.0 / (reactance**2 + loss**2)
+    real = rest[:, None] + part[:, used] @ (reactance * inverse)
+    return real - 1j * (part[:, used] @ (loss * inverse))
 
 
 def frequency_response(
