@@ -302,3 +302,32 @@ def test_damping_out_of_range_is_refused(wrong):
             ENDS,
             masses=[PointMass("lost", np.zeros(3), 1.0)],
         )
+
+
+@pytest.mark.parametrize("derivative", [0, 1, 2])
+def test_an_exponential_window_damps_as_in_the_time_domain(derivative):
+    stiffness = 4e5
+    mass = 2.5
+    ratio = 0.02
+    slide = Joint("slide", "ground", "car", "prismatic", [0, 0, 0], [1, 0, 0])
+    m = Mechanism(
+        (Body("car", mass, [0.3, 0, 0]),),
+        (replace(slide, drive=Drive(stiffness)),),
+        Tool("car", [0.0, 0, 0], ("x",)),
+    )
+    decay = 1.0 / 0.05
+    modal = expand_ports(
+        m, configure(m, [[0.0]]), [Port("car", np.zeros(3), np.eye(6)[0])]
+    )
+    hertz = np.array([20.0, 64.0, 90.0])
+    found = superpose_modes(modal, [(0, 0)], hertz, ratio, decay=decay)[0]
+    natural = np.sqrt(stiffness / mass)
+    pole = natural * (-ratio + 1j * np.sqrt(1.0 - ratio**2))
+    time = np.linspace(0.0, 1.0, 400_001)
+    # impulse response, its derivatives, and the impulse that an acceleration begins with
+    impulse = (pole**derivative * np.exp(pole * time) / pole.imag / mass).imag
+    start = 1.0 / mass if derivative == 2 else 0.0
+    for f, value in zip(hertz, found, strict=True):
+        line = 2j * np.pi * f
+        seen = np.trapezoid(impulse * np.exp(-(decay + line) * time), time) + start
+        assert value * (line + decay) ** derivative == pytest.approx(seen, rel=1e-5)

@@ -129,10 +129,12 @@ def superpose_modes(
     pairs: ArrayLike,
     frequencies: ArrayLike,
     damping: ArrayLike = 0.01,
+    *,
+    decay: float = 0.0,
 ) -> NDArray[np.complex128]:
     """Return receptances (r, f) of pairs of ports: complex displacement per unit force.
 
-    ``H = Σ φ_target φ_source / (k - ω² m + 2 i ζ ω √(k m))`` over all modes.
+    ``H = Σ φ_target φ_source / (k + s² m + 2 ζ s √(k m))`` over all modes, at ``s = i ω + decay``.
 
     Parameters
     ----------
@@ -145,6 +147,9 @@ def superpose_modes(
     damping
         Modal damping ratio of all modes, or (d,) of the modes in the order of
         ``modal.frequencies``, free motions included; further modes have the last value.
+    decay
+        Of an exponential window ``exp(-decay t)`` on the impulse response, 1/s: it damps all modes
+        more.
 
     Returns
     -------
@@ -180,8 +185,8 @@ def superpose_modes(
     mass = modal.mass[used, None]
     resistance = 2.0 * ratio[used, None] * np.sqrt(stiffness * mass)
     # real and imaginary part of 1 / (reactance + i loss), (c, f): half the work of complex numbers
-    reactance = stiffness - omega**2 * mass
-    loss = omega * resistance
+    reactance = stiffness + (decay**2 - omega**2) * mass + decay * resistance
+    loss = omega * (2.0 * decay * mass + resistance)
     inverse = 1.0 / (reactance**2 + loss**2)
     real = rest[:, None] + part[:, used] @ (reactance * inverse)
     return real - 1j * (part[:, used] @ (loss * inverse))
