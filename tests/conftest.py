@@ -21,6 +21,7 @@ SLOW = (
     "design/test_sensitivity_command.py",
     "design/test_studies.py",
     "experiments",
+    "exports",
     "fea/test_beam.py",
     "fea/test_elasticity.py",
     "fea/test_experiment.py",

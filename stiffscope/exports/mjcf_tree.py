@@ -24,7 +24,6 @@ from stiffscope.exports.loop_closure import (
 )
 from stiffscope.exports.spanning_tree import is_loaded, span_tree
 from stiffscope.vjm.model.checks import BASE, GROUND, TOOL, axes_along
-from stiffscope.vjm.model.joints import DRIVEN
 from stiffscope.vjm.model.screws import Frame, shift
 from stiffscope.vjm.network.network import END, FOOT, list_elements
 
@@ -62,6 +61,9 @@ class Tuning:
         (6,) compliances, m/N and rad/(N·m), where elastic bodies are rigid in some directions.
     rigid
         Least stiffness of a loop's closure, N/m.
+    needed
+        (3,) least stiffness, N/m, along the part axes of an elastic body's end at a ball joint that
+        closes a loop, by joint and node; between a hundredth of ``rigid`` and ``rigid``.
     share
         Of the compliance next to a cut joint that the closure takes, at most.
     idle
@@ -74,6 +76,7 @@ class Tuning:
     rigid: float
     share: float
     idle: float
+    needed: Mapping[tuple[str, str], Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -152,7 +155,8 @@ def _fold_drive(element: Element) -> Element:
     joint = element.joint
     if joint is None or joint.drive is None or joint.compliance is None:
         return element
-    along = DRIVEN[joint.kind]
+    along = joint.type.driven
+    assert along is not None  # noqa: S101
     more = float(joint.compliance[along, along])
     rest = joint.compliance.copy()
     rest[along] = 0.0
@@ -569,12 +573,19 @@ def _close_loops(
         whole = clamped_stiffness(body, root, tuning.smallest)
         row = 6 * (end - (end > root))
         part = Frame(body.elastic.axes, body.elastic.places[end])
+        ball = not is_loaded(joint) and joint.type.is_ball
+        least = tuning.rigid
+        if ball:
+            frame = Frame(body.elastic.axes, element.at)
+            needed = tuning.needed.get((joint.name, side), least)
+            least = np.clip(needed, 0.01 * tuning.rigid, tuning.rigid)
         carry = relative(part, frame).adjoint()
         local = carry.T @ whole[row : row + 6, row : row + 6] @ carry
         alike = sum(1 for other in beside if other and nodes[other] is body)
-        stiffness = close_loop(kind, local, tuning.rigid, tuning.share / alike)
+        stiffness = close_loop(kind, local, least, tuning.share / alike)
         taken = carry @ taken_compliance(stiffness, local) @ carry.T
-        out.append(Closure(body.name, end, taken, stiffness, moved))
+        along = side if ball else ""
+        out.append(Closure(body.name, end, taken, stiffness, moved, along))
     return out
 
 
@@ -651,6 +662,10 @@ def _add_closure(
         writer.places[name] = middle, place
         first = name
     axes = closure_frame(element)
+    if closure.side:
+        axes = Frame(writer.places[closure.side][1].matrix(), element.at)
+        if closure.side == second:
+            first, second = second, first
     writer.closures += 1
     for number, (along, direction, stiffness) in enumerate(
         hold_points(closure.stiffness), start=1

@@ -360,7 +360,7 @@ def test_hinges_that_a_drive_or_range_names_stay_two(imported, drives, ranged):
     assert [joint.type for joint in robot.joints.values()] == ["revolute", "revolute"]
     assert robot.joints["pan"].between[1] == robot.joints["tilt"].between[0]
     assert (robot.joints["tilt"].drive is not None) == bool(drives)
-    assert ("range = [-0.523598775598, 0.872664625997]" in text) == bool(ranged)
+    assert ("range = [-0.523598775598299, 0.872664625997165]" in text) == bool(ranged)
     assert not any("universal" in note for note in model.notes)
 
 

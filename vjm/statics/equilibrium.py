@@ -95,7 +95,7 @@ def find_equilibrium(order: Order, where: Places, loads: Loads) -> Response:
     c = loads.cases
     nodes = {name: _pad(w, count) for name, w in loads.nodes.items()}
     offsets = {name: _pad(t, count) for name, t in loads.offsets.items()}
-    along = {name: order.mechanism.joint(name).type.driven for name in laws}
+    along = {name: order.mechanism.joint(name).type.driven or 0 for name in laws}
     for k, (name, component) in enumerate(along.items()):
         unit = np.zeros((1, 6, c + count))
         unit[0, component, c + k] = 1.0

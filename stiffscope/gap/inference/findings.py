@@ -12,6 +12,7 @@ import numpy as np
 from stiffscope.gap.campaign.copies import find_copies
 from stiffscope.gap.inference.fitting import Problem
 from stiffscope.gap.inference.hypothesis import forms_of, join_values
+from stiffscope.gap.inference.plausibility import implausible
 from stiffscope.gap.inference.residuals import percent_rms
 from stiffscope.gap.inference.search import Search
 from stiffscope.gap.inference.settings import VERDICT
@@ -446,11 +447,42 @@ def _rank(
     problem: Problem, scored: list[tuple[Hypothesis, float]], fitted: Fitted
 ) -> Findings:
     """Return hypotheses ranked by their share of all evidence, the best first."""
-    order = sorted(scored, key=lambda item: -item[1])
+    order = sorted(_yield_to_plausible(problem, scored), key=lambda item: -item[1])
     log = np.array([evidence for _, evidence in order])
     weight = np.exp(log - log.max())
     probability = tuple((weight / weight.sum()).tolist())
     return Findings(problem, tuple(h for h, _ in order), probability, fitted)
+
+
+def _yield_to_plausible(
+    problem: Problem, scored: list[tuple[Hypothesis, float]]
+) -> list[tuple[Hypothesis, float]]:
+    """Return evidences, below that of a plausible hypothesis where an implausible one fits alike.
+
+    A mass many times the stated one has fewer parameters than a payload, but is no cause.
+    """
+    top = max(log for _, log in scored)
+    used = problem.noise.used
+    close = [(h, log) for h, log in scored if log > top - NEAR]
+    chi2 = {id(h): float(np.sum(h.residual[used] ** 2)) for h, _ in close}
+    strange = {
+        id(h)
+        for h, _ in close
+        if any(implausible(c, h) for c in h.words if not c.flexible)
+    }
+    out: list[tuple[Hypothesis, float]] = []
+    for h, log in scored:
+        if id(h) in strange:
+            least = chi2[id(h)] + VERDICT.alike
+            fits = [
+                other
+                for plain, other in close
+                if id(plain) not in strange and plain.words and chi2[id(plain)] <= least
+            ]
+            limit = max(fits, default=np.inf) + np.log(COMPETING)
+            log = min(log, float(limit))  # noqa: PLW2901
+        out.append((h, log))
+    return out
 
 
 def _without_copies(c: Campaign, noise: Noise) -> Noise:

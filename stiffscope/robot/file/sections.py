@@ -238,7 +238,7 @@ def _read_joint_type(made: JointType) -> type[JointSection]:
         drive = RotaryDrive if made.turns else LinearDrive
         keys["drive"] = (drive | None, None)
     if made.is_uniform:
-        spring = v.Torsion if made.turns else v.Stiffness
+        spring: Any = v.Torsion if made.turns else v.Stiffness
         keys["spring"] = (spring | None, None)
     if made.is_uniform and made.driven is not None:
         keys["rest"] = (v.Angle if made.turns else v.Coordinate, 0.0)
