@@ -137,8 +137,22 @@ def diagnose_case(case: Case, nominal: Assembled | None, shop: Workshop) -> Diag
         *inspect_mechanics(case.campaign),
     )
     return dataclasses.replace(
-        found, remarks=(*(doubt.text for doubt in doubts), *found.remarks)
+        found,
+        remarks=(
+            *(doubt.text for doubt in doubts),
+            *_remark_responses(case.campaign),
+            *found.remarks,
+        ),
     )
+
+
+def _remark_responses(campaign: Campaign) -> list[str]:
+    """Return a remark on what a diagnosis does not use."""
+    if not campaign.responses:
+        return []
+    names = ", ".join(setup.name for setup in campaign.responses)
+    compared = "`campaign check` compares them with the model"
+    return [f"frequency responses ({names}) are not diagnosed; {compared}"]
 
 
 def open_case(

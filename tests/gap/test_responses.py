@@ -2,14 +2,20 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from stiffscope.cli.main import _guarded
 from stiffscope.errors import InputError
-from stiffscope.gap.campaigns import compare_responses, open_case
+from stiffscope.gap.campaign.measured_responses import load_responses
+from stiffscope.gap.campaigns import compare_responses, open_case, rough_mechanism
+from stiffscope.gap.forward.response_model import predict_responses
+from stiffscope.vjm.model.bodies import Body
 from stiffscope.vjm.statics.analysis import compliance
+from tests.vjm import dense_modes
 
 HAMMER = Path(__file__).parents[2] / "examples" / "hammer"
 FIVE_BAR = """
@@ -181,3 +187,56 @@ def test_responses_alone_are_checked_and_not_diagnosed(tmp_path, capsys):
     out = str(tmp_path / "out")
     assert _guarded(["diagnose", str(HAMMER), "--quiet", "--out", out]) == 2
     assert "readings: expected a table of readings" in capsys.readouterr().err
+
+
+HEXAPOD = """
+robot = "stewart"
+
+[responses.tap]
+file = "tap.csv"
+quantity = "accelerance"
+pose = "tilted"
+channels = { H = { force = "a:+z", motion = "b:-x" }, G = { force = "b:+y", motion = "b:+y" } }
+
+[responses.tap.points]
+a = { body = "platform", at = ["40 mm", 0, "0.3 m"], mass = "60 g" }
+b = { body = "platform", at = [0, "-50 mm", "0.31 m"] }
+"""
+
+
+def test_a_hexapod_hit_at_a_posture_is_that_of_a_dense_solution(tmp_path):
+    lines = ["frequency,H.re,H.im,G.re,G.im"]
+    lines += [f"{f},1,0,1,0" for f in (20.0, 45.0, 310.0)]
+    (tmp_path / "tap.csv").write_text("\n".join(lines))
+    (tmp_path / "campaign.toml").write_text(HEXAPOD)
+    case = open_case(tmp_path)
+    mechanism = rough_mechanism(case.robot)
+    (measured,) = load_responses(tmp_path, case.campaign, case.robot, mechanism)
+    found = predict_responses(mechanism, measured, 0.0).receptances
+    hit = np.array([0.04, 0.0, 0.3])
+    seen = np.array([0.0, -0.05, 0.31])
+    platform = next(b for b in mechanism.bodies if b.name == "platform")
+    loaded = add_mass(platform, hit, 0.06)
+    bodies = tuple(loaded if b is platform else b for b in mechanism.bodies)
+    heavier = replace(mechanism, bodies=bodies)
+    x, y, z = np.eye(6)[:3]
+    ends = [
+        (("platform", hit, z), ("platform", seen, -x)),
+        (("platform", seen, y), ("platform", seen, y)),
+    ]
+    pose = case.robot.poses["tilted"]
+    for values, (source, target) in zip(found, ends, strict=True):
+        expected = dense_modes.receptance(
+            heavier, pose, source, target, measured.responses[0].frequency
+        )
+        assert values.real == pytest.approx(expected, rel=1e-6)
+
+
+def add_mass(body, at, mass):
+    """A rigid body with a point mass: common centre, and inertia about it by parallel axes."""
+    own = np.zeros((3, 3)) if body.inertia is None else body.inertia
+    way = at - body.centre
+    reduced = body.mass * mass / (body.mass + mass)
+    inertia = own + reduced * ((way @ way) * np.eye(3) - np.outer(way, way))
+    centre = (body.mass * body.centre + mass * at) / (body.mass + mass)
+    return Body(body.name, body.mass + mass, centre, inertia)
