@@ -17,7 +17,6 @@ from docutils.parsers.rst import Directive, directives
 from docutils.statemachine import StringList
 
 import stiffscope
-from stiffscope.design.study_reading import SECTIONS
 from stiffscope.files.keys import TABLES, all_keys
 from stiffscope.gap.campaign.campaign_header import (
     FRAME_KEYS,
@@ -27,9 +26,10 @@ from stiffscope.gap.campaign.campaign_header import (
 )
 from stiffscope.gap.campaign.kinds import KINDS
 from stiffscope.gap.campaign.quantities import names_of
+from stiffscope.gap.campaign.response_header import POINT_KEYS, RESPONSE_KEYS
 from stiffscope.gap.effects.vocabulary import EFFECTS
 from stiffscope.notebook.objects import HEIGHT, as_html
-from stiffscope.path import job
+from stiffscope.registry import load, slices
 from stiffscope.report.pictures import open_drawing
 from stiffscope.report.robot_scene import place_robot, scene
 from stiffscope.robot.library import robot_names
@@ -42,17 +42,12 @@ class FileKeys(Directive):
     """Tables of every key of a kind of file, with a description of each section."""
 
     required_arguments = 1
-    sections: ClassVar[dict[str, Any]] = {
-        "robot": TABLES,
-        "study": SECTIONS,
-        "job": job.SECTIONS,
-    }
 
     def run(self) -> list[nodes.Node]:
         """Return the paragraphs and tables of all sections."""
         kind = self.arguments[0]
         lines = []
-        about = dict(self.sections[kind])
+        about = dict(TABLES) if kind == "robot" else _registered_sections(kind)
         for title, rows in all_keys()[kind].items():
             words = (
                 inspect.cleandoc(about[title].__doc__ or "") if title in about else ""
@@ -67,6 +62,17 @@ class FileKeys(Directive):
         return parsed(self, lines)
 
 
+def _registered_sections(kind: str) -> dict[str, Any]:
+    """Return the schemas of a kind of file by title."""
+    return {
+        title: model
+        for each in slices().values()
+        for of, tables in each.keys
+        if of == kind
+        for title, model in load(tables)
+    }
+
+
 class CampaignKeys(Directive):
     """Tables of all keys of campaign.toml, the quantities, and the effects with their parameters."""
 
@@ -77,9 +83,16 @@ class CampaignKeys(Directive):
             {row.key.split()[0] for row in rows} for _, rows in (*sections, quantities)
         ]
         firsts = [names_of(kind)[0] for kind in KINDS if names_of(kind)]
-        if described != [
-            set(each) for each in (KEYS, FRAME_KEYS, SENSOR_KEYS, LOAD_KEYS, firsts)
-        ]:
+        known = (
+            KEYS,
+            FRAME_KEYS,
+            SENSOR_KEYS,
+            LOAD_KEYS,
+            RESPONSE_KEYS,
+            POINT_KEYS,
+            firsts,
+        )
+        if described != [set(each) for each in known]:
             raise self.error("the keys of campaign.toml differ from those described")
         lines: list[str] = []
         for title, rows in sections:

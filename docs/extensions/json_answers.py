@@ -51,6 +51,7 @@ CAPITALS = (
     "ARM.",
     "STUDY.",
     "JOB.",
+    "LOBES.",
     "BEARING.",
     "ROBOT",
     "CAMPAIGN",
@@ -83,6 +84,7 @@ components = "beam"
 path = "path.csv"
 process = { milling = { material = "C45E", diameter = 0.01, teeth = 4, speed = "50 1/s", depth = 1e-3, width = 3e-3 } }
 """
+LOBES = JOB + "lobes = { damping = 0.03, points = 9 }\n"
 
 
 class Answers(Directive):
@@ -157,6 +159,7 @@ def _place() -> Iterator[Path]:
         shutil.copyfile(EXAMPLES / "hammer" / "tap.uff", place / "TAP.uff")
         (place / "STUDY.toml").write_text(STUDY)
         (place / "JOB.toml").write_text(JOB)
+        (place / "LOBES.toml").write_text(LOBES)
         (place / "BEARING.toml").write_text(BEARING)
         tool = load_robot("serial-arm").tool.at
         rows = [

@@ -99,6 +99,21 @@ PART = {
     ),
     "cached": ("whether the result came from the cache", ""),
 }
+LIMITS = {
+    "critical_depth": (
+        "[pose]: depth of cut that is stable at all speeds of the range; null: no limit",
+        "m",
+    ),
+    "critical_low": ("[pose]: lower end of its 95 % band", "m"),
+    "critical_high": ("[pose]: upper end of its 95 % band", "m"),
+    "limit": ("[pose]: stable depth of cut at the job's speed", "m"),
+    "coupling": (
+        "[pose]: depth from which modes chatter without a wave left by the tooth before; null: none",
+        "m",
+    ),
+    "chatter": ("[pose]: frequency of chatter at the critical depth", "Hz"),
+    "mode": ("[pose]: natural frequency of the limiting mode", "Hz"),
+}
 RESPONSES = {
     "stiffness": ("[pose][i][j]: stiffness at M", STIFF),
     "sag": ("[pose]: twist of the tool under the robot's own weight", TWIST),
@@ -194,6 +209,45 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "data_vars.*.data": (
                 "grid, null if unreachable: `K_tx` …, `K_tx_loaded` … under own weight, `sag_x` …, `f1` …",
                 "`attrs.units`",
+            ),
+        },
+    ),
+    "export": (
+        ["export", "serial-arm", "--to", "mjcf", "--at", "home", "--out", "DIR"],
+        {
+            "robot": ("name of the robot", ""),
+            "target": ("form, as `--to` names it", ""),
+            "poses": ("names or texts of the poses", ""),
+            "files": ("files in DIR", ""),
+            "timestep?": ("`mjcf`: time step that is set", "s"),
+            "largest_timestep?": ("`mjcf`: largest stable one at the poses", "s"),
+            "highest?": ("`mjcf`: frequency below which springs vibrate", "Hz"),
+            "tool?": ("`mjcf`: [pose]: unloaded tool pose", TWIST),
+            "sag?": ("`mjcf`: [pose]: twist of the tool under own weight", TWIST),
+            "frequencies?": ("`mjcf`: [pose][mode]: lowest of the robot", "Hz"),
+            "exported_frequencies?": (
+                "`mjcf`: [pose][mode]: lowest of the model",
+                "Hz",
+            ),
+            "deviation.compliance?": (
+                "`mjcf`: largest deviation at M, over √(C_ii C_jj)",
+                "relative",
+            ),
+            "deviation.frequency?": (
+                "`mjcf`: largest deviation of these frequencies, beside the shift by `--highest`",
+                "relative",
+            ),
+            "links?": ("`urdf`: number of links", ""),
+            "cut_joints?": ("`urdf`: joints that close loops, which are cut", ""),
+            "damping?": ("`statespace`: damping ratio of every mode", "1"),
+            "axes?": ("`compensation`: axes of the grid", ""),
+            "before?": (
+                "`compensation`: greatest error between grid points without corrections",
+                "m",
+            ),
+            "left?": (
+                "`compensation`: the same with interpolated corrections",
+                "m",
             ),
         },
     ),
@@ -641,6 +695,54 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             ),
         },
     ),
+    "lobes": (
+        ["lobes", "LOBES.toml", "--out", "DIR"],
+        {
+            "job": ("path of the job file", ""),
+            "robot": ("name of the robot", ""),
+            "method": ("`zero-order` or `all-harmonics`", ""),
+            "names": ("names of the poses of the lobes", ""),
+            **AT,
+            "speed": ("spindle speeds of the lobes", "rpm"),
+            "depth": ("[pose][speed]: stable depth of cut; null: no limit found", "m"),
+            "error": ("[pose][speed]: half width of the 95 % band; null: no end", "m"),
+            "low": ("[pose][speed]: lower end of the 95 % band", "m"),
+            "high": ("[pose][speed]: upper end of the 95 % band; null: no end", "m"),
+            **LIMITS,
+            "cause.*": (
+                "share of each element in the limiting mode's strain energy, at the pose of least critical depth",
+                "1",
+            ),
+            "causes.*": ("[pose]: the same at every pose", "1"),
+            "levers[].element": ("element of the robot, the best first", ""),
+            "levers[].per_cent": (
+                "change of the critical depth by 1 % more stiffness of the element, at the same pose",
+                "%",
+            ),
+            "levers[].per_kilogram": (
+                "relative change by one kilogram more of an elastic body, and of its stiffness; null for others",
+                "1/kg",
+            ),
+            "advised.speed": (
+                "speeds with the highest stable depth at every pose",
+                "rpm",
+            ),
+            "advised.depth": ("lower end of the band there, least over the poses", "m"),
+            "process.speed": ("spindle speed of the job", "rpm"),
+            "process.depth": ("depth of cut of the job", "m"),
+            "process.kt": ("change of the tangential force by the chip's area", "N/m²"),
+            "process.chip": ("mean chip thickness", "m"),
+            "process.immersed": ("mean number of teeth in the workpiece", ""),
+            "process.ripple": (
+                "first harmonic of the cutting coefficients over their mean; above 0.1 all harmonics count",
+                "1",
+            ),
+            "path.s": ("length from the start of the path, at each of its points", "m"),
+            "path.line": ("line of the path file", ""),
+            **within("path", LIMITS),
+            "path.stable": ("whether the job's depth is stable at its speed", ""),
+        },
+    ),
     "path": (
         ["path", "JOB.toml", "--compensate", "--out", "DIR"],
         {
@@ -833,6 +935,10 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
                 "largest applied value of each wrench component",
                 "N, N·m",
             ),
+            "responses.*": (
+                "frequency responses of each `[responses.NAME]` beside those of the model (docs/guides/hammer.md)",
+                "m, Hz, dB",
+            ),
         },
     ),
     "diagnose": (
@@ -976,6 +1082,7 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
         {
             "campaigns": ("number of campaigns per robot", ""),
             "seed": ("random seed", ""),
+            "machine": ("whose mechanics was measured: `own` or `exudyn`", ""),
             "seconds": ("wall time", "s"),
             **SHARES,
             "held_out_over_noise": (

@@ -18,10 +18,16 @@ from typing import TYPE_CHECKING, Any, BinaryIO
 import numpy as np
 from threadpoolctl import threadpool_limits
 
-from stiffscope.design.responses import mass_of_solids, of_modes, quantities
+from stiffscope.design.responses import (
+    CRITICAL,
+    mass_of_solids,
+    of_modes,
+    quantities,
+)
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.experiments.orders import LIBRARIES
+from stiffscope.lobes.chatter import critical_along, files_of
 from stiffscope.path.along import along
 from stiffscope.robot.file.part_sections import StepPart
 from stiffscope.runtime.cache import code_version, digest
@@ -36,11 +42,20 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from stiffscope.design.study_file import StudyFile, Values
+    from stiffscope.experiments.assembly import Assembled
     from stiffscope.path.job import Job
+    from stiffscope.runtime.types import Array
 
     Row = tuple[int, Values]
 
-CODE = ("stiffscope.cad", "stiffscope.fea", "stiffscope.robot", "stiffscope.vjm")
+CODE = (
+    "stiffscope.cad",
+    "stiffscope.fea",
+    "stiffscope.lobes",
+    "stiffscope.path",
+    "stiffscope.robot",
+    "stiffscope.vjm",
+)
 SUFFIX = ".jsonl"
 MOST_BYTES = 1 << 34  # of a journal: enough for a million designs with reasons
 _ENDED = "its worker ended before it did; the same study makes it again"
@@ -158,7 +173,10 @@ def identify(file: StudyFile) -> str:
             if r.job is None
             else len(r.poses),
             "job": r.job
-            and [r.job.section.model_dump_json(), file_digest(r.job.path_file)],
+            and [
+                r.job.section.model_dump_json(),
+                *map(file_digest, files_of(r.job)),
+            ],
         }
         for r in file.responses
     ]
@@ -233,12 +251,24 @@ def make_design(file: StudyFile, values: Values) -> Design:
     )
 
 
+def _follow_path(job: Job, assembled: Assembled, asked: set[str]) -> dict[str, Array]:
+    """Return the quantities of `ALONG_PATH` that are asked for, at each point of a path."""
+    found = dict[str, np.ndarray]()
+    if asked - {CRITICAL}:
+        state = along(job, assembled)
+        found |= {"error": state.size, **state.parts}
+    if CRITICAL in asked:
+        found[CRITICAL] = critical_along(job, assembled)
+    return found
+
+
 def _respond(file: StudyFile, values: Values) -> tuple[float, ...]:
     robot = file.design(values)
     of_robot = [response for response in file.responses if response.job is None]
     names = dict.fromkeys(name for r in of_robot for name in r.expression.names)
     with workshop() as shop:
-        whole = any(of_modes(name) for name in names)
+        every = {name for r in file.responses for name in r.expression.names}
+        whole = CRITICAL in every or any(of_modes(name) for name in names)
         assembled = assemble_robots(
             {"design": robot}, file.components, shop, whole=whole
         )["design"]
@@ -249,8 +279,10 @@ def _respond(file: StudyFile, values: Values) -> tuple[float, ...]:
         )
     known: dict[Job | None, dict[str, np.ndarray]] = {}
     for job in {r.job for r in file.responses if r.job is not None}:
-        state = along(replace(job, robot=robot), assembled)
-        known[job] = {"error": state.size, **state.parts}  # `ALONG_PATH`
+        asked = {
+            name for r in file.responses if r.job is job for name in r.expression.names
+        }
+        known[job] = _follow_path(replace(job, robot=robot), assembled, asked)
     if names:
         found = configure(assembled.mechanism, file.poses_of(robot)).require_valid()
         known[None] = quantities(

@@ -39,8 +39,10 @@ _TAKE: dict[str, Callable[[np.ndarray], Any]] = {
     "worst": lambda each: np.max(np.abs(each)),
     "rms": lambda each: np.sqrt(np.mean(each**2)),
 }
-ALONG_PATH: tuple[str, ...] = ("error", "normal", "along", "binormal")
-"""Size of the error on a path and its parts, m."""
+CRITICAL = "critical_depth"
+"""Depth of cut, m, that is stable at all speeds of the job's range."""
+ALONG_PATH: tuple[str, ...] = ("error", "normal", "along", "binormal", CRITICAL)
+"""Size of the error on a path and its parts, and stable depth of cut, m."""
 
 
 @dataclass(frozen=True)
@@ -113,8 +115,13 @@ def known_units(robot: RobotFile) -> dict[str, str]:
 
 
 def worst_of(quantity: str) -> str:
-    """Return the worst case over poses: "least" for stiffness and frequency, else "greatest"."""
-    return "least" if re.match(r"(K|k|f)", quantity.rpartition(".")[2]) else "greatest"
+    """Return the worst case over poses: "least" for stiffness, frequency and stable depth.
+
+    Of other quantities it is "greatest".
+    """
+    name = quantity.rpartition(".")[2]
+    least = name == CRITICAL or re.match(r"(K|k|f)", name)
+    return "least" if least else "greatest"
 
 
 def of_modes(quantity: str) -> bool:

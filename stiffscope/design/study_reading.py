@@ -12,7 +12,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import field_validator
 
-from stiffscope.design.responses import ALONG_PATH, Response, known_units, worst_of
+from stiffscope.design.responses import (
+    ALONG_PATH,
+    CRITICAL,
+    Response,
+    known_units,
+    worst_of,
+)
 from stiffscope.design.study_file import (
     Goal,
     Limit,
@@ -22,6 +28,7 @@ from stiffscope.design.study_file import (
     write_override,
 )
 from stiffscope.errors import InputError
+from stiffscope.lobes.chatter import check_cut
 from stiffscope.path.job import load_job
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.expressions import parse
@@ -357,9 +364,11 @@ def _read_response(
         if found.at is not None:
             raise _refuse((*key, "at"), "none beside a path", found.at)
         points = np.flatnonzero(job.path.acting)
-        return Response(
-            name, expression, unit, tuple(points.tolist()), found.take or "worst", job
-        )
+        if CRITICAL in expression.names:
+            with blame(*key, "path"):
+                check_cut(job)
+        take = found.take or ("least" if alone == CRITICAL else "worst")
+        return Response(name, expression, unit, tuple(points.tolist()), take, job)
     at = [poses.setdefault(pose, len(poses)) for pose in _list_poses(found, robot, key)]
     if take is None and len(at) > 1:
         which = "least, greatest, mean, worst or rms: what of several poses counts"

@@ -34,8 +34,11 @@ def robot_document(
         if text.startswith("--set "):
             assign(document, key, split(text.removeprefix("--set "))[1], text)
     for name, part in robot.parts.items():
-        known = isinstance(part, ParametricPart) and components in part.sources
-        if known and part.compliance != components:
+        if (
+            isinstance(part, ParametricPart)
+            and components in part.sources
+            and part.compliance != components
+        ):
             document["parts"][name]["compliance"] = components
         if getattr(part, "file", None):
             _move(document["parts"][name], "file", robot.path, target)

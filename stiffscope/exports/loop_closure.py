@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.vjm.model.joints import FREE
+from stiffscope.vjm.model.joints import JOINT_TYPES
 
 if TYPE_CHECKING:
     from stiffscope.vjm.model.screws import Array
@@ -45,6 +45,8 @@ class Closure:
         (6,) of the closure along and about the joint's axes, N/m and N·m/rad; zero where it is free.
     moved
         How many of the joint's free motions a further body performs.
+    side
+        Node whose part axes are those of the closure of a ball joint; empty: the joint's axes.
     """
 
     body: str
@@ -52,6 +54,7 @@ class Closure:
     compliance: Array
     stiffness: Array
     moved: int
+    side: str = ""
 
 
 def count_moved(kind: str) -> int:
@@ -70,17 +73,19 @@ def close_loop(kind: str, local: Array | None, rigid: float, share: float) -> Ar
         (6, 6) stiffness of what is next to the joint, in the joint's axes, zero where it is rigid;
         None if nothing is elastic.
     rigid
-        Least stiffness of translations, N/m.
+        Least stiffness of translations, N/m: of all or of each (3,).
     share
         Of the local compliance that the closure takes.
     """
     moved = count_moved(kind)
-    free = FREE[kind][moved:]
+    free = JOINT_TYPES[kind].free[moved:]
     held = [k for k in range(6) if k not in free]
     if kind == "universal":  # closed about its second axis, x of the closure
         held = [0, 1, 2, 4, 5]
     stiffness = np.zeros(6)
-    stiffness[held] = [rigid if k < 3 else rigid * _LEVER**2 for k in held]
+    least = np.broadcast_to(np.asarray(rigid, dtype=float), 3)
+    least = np.concatenate([least, least.max() * np.full(3, _LEVER**2)])
+    stiffness[held] = least[held]
     if local is not None:
         used = [k for k in held if local[k, k] > 0.0]
         own = np.sqrt(np.diagonal(local)[used])
@@ -88,9 +93,10 @@ def close_loop(kind: str, local: Array | None, rigid: float, share: float) -> Ar
         largest = float(np.linalg.eigvalsh(part)[-1])
         needed = largest * own**2 / share
         for k, value in zip(used, needed, strict=True):
-            stiffness[k] = max(value, rigid) if k < 3 else value
-    for k in FREE[kind][:moved] if kind in {"prismatic", "cylindrical"} else ():
-        stiffness[k] = (rigid if k < 3 else rigid * _LEVER**2) * _DRAG
+            stiffness[k] = max(value, least[k]) if k < 3 else value
+    dragged = kind in {"prismatic", "cylindrical"}
+    for k in JOINT_TYPES[kind].free[:moved] if dragged else ():
+        stiffness[k] = least[k] * _DRAG
     across = [1, 2]
     if 3 not in held and 4 in held:  # two points along the axis hold both alike
         stiffness[across] = stiffness[across].max()

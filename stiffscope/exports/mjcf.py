@@ -10,6 +10,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.exports.mjcf_meshes import add_meshes
 from stiffscope.exports.mjcf_tree import Tuning, Writer, numbers, write_tree
 from stiffscope.exports.mujoco_model import (
     Spectrum,
@@ -18,10 +19,13 @@ from stiffscope.exports.mujoco_model import (
     load_mujoco,
 )
 from stiffscope.exports.target import Exported, Order
+from stiffscope.vjm.model.checks import GROUND
 from stiffscope.vjm.statics.analysis import compliance, sag
+from stiffscope.vjm.statics.yielding import respond
 from stiffscope.vjm.vibration.modes import frequencies
 
 if TYPE_CHECKING:
+    from stiffscope.vjm.kinematics.configurations import Configurations
     from stiffscope.vjm.model.joints import Joint
     from stiffscope.vjm.model.mechanism import Mechanism
     from stiffscope.vjm.model.screws import Array
@@ -34,11 +38,16 @@ DAMPING = 0.02
 """Damping ratio at the highest of these; in proportion to the frequency at others."""
 STEP = 0.8
 """Time step that is set, over the largest stable one at the poses: others may have a smaller one."""
-CLOSURES = ((0.05, 1e9), (0.05, 1e10), (0.01, 1e11))
-"""Share of the compliance next to a cut joint that the closure of its loop takes, and its least
-stiffness in N/m: tried in turn until the model is accurate. 1e9 N/m open by 0.1 µm under 100 N."""
-ENOUGH = 0.002
+CLOSURES = ((0.05, 1e9, 1e-4), (0.05, 1e10, 1e-5), (0.01, 1e11, 1e-6))
+"""Share of the compliance next to a cut joint that the closure of its loop takes; its least
+stiffness in N/m; moment of inertia of bodies without, over mass times squared size. They are tried in
+turn until the model is accurate. 1e9 N/m open by 0.1 µm under 100 N."""
+ENOUGH = 0.003
 """Deviation of compliance and frequencies with which the first of these is kept."""
+FORCE = 100.0
+"""N, on the tool, under which loops stay closed."""
+GAP = 2e-7
+"""m, by which a ball joint that closes a loop may then open."""
 _IDLE = 1e-3  # of all masses, for the inertia of joints of bodies without
 _STIFF = 1e-5  # of the tool's least compliance: what stands for none
 _UNIT = 1e-12  # of a compliance, squared, beside its largest: a rigid direction
@@ -89,13 +98,14 @@ def export_robot(order: Order) -> Exported:
         expected = "expected drives or springs that hold the tool"
         raise InputError(f"{name}: {expected}, got a tool that moves freely")
     tuning = tune(mechanism, wanted, order.highest)
+    tuning = replace(tuning, needed=needed_closures(straight, found))
     best: Trial | None = None
-    for share, rigid in CLOSURES:
-        chosen = replace(tuning, share=share, rigid=rigid)
+    for share, rigid, unknown in CLOSURES:
+        chosen = replace(tuning, share=share, rigid=rigid, unknown=unknown)
         trial = _try(mujoco, order, chosen, wanted)
         if best is None or trial.deviation < best.deviation:
             best = trial
-        if not trial.writer.closures or trial.deviation < ENOUGH:
+        if trial.deviation < ENOUGH:
             break
     assert best is not None  # noqa: S101
     return _finish(mujoco, order, best, wanted)
@@ -140,8 +150,37 @@ def tune(mechanism: Mechanism, wanted: Wanted, highest: float | None) -> Tuning:
     bare = sum(body.mass == 0.0 for body in mechanism.bodies)
     idle = _IDLE * sum(body.mass for body in mechanism.bodies) / max(1, bare)
     smallest = np.repeat(_STIFF * least, 3)
-    share, rigid = CLOSURES[0]
-    return Tuning(limit, damping, smallest, rigid, share, idle)
+    share, rigid, unknown = CLOSURES[0]
+    return Tuning(limit, damping, smallest, rigid, share, unknown, idle)
+
+
+def needed_closures(
+    mechanism: Mechanism, found: Configurations
+) -> dict[tuple[str, str], Array]:
+    """Return the stiffness (3,), N/m, with which ball joints at elastic ends open little enough.
+
+    Along part axes, under weight and forces of ``FORCE`` on the tool together.
+    """
+    loads = np.hstack([np.zeros((6, 1)), FORCE * np.eye(6)[:, :3]])
+    weight = np.array([1.0, 0.0, 0.0, 0.0])
+    done = respond(mechanism, found, loads, gravity=weight)
+    nodes = {n for b in mechanism.bodies if b.elastic is not None for n in b.nodes}
+    out = {}
+    for joint in mechanism.joints:
+        ends = [n for n in (joint.first, joint.second) if n in nodes]
+        if not joint.type.is_ball or not ends:
+            continue
+        force = joint.axes @ done.find_wrench((joint.name,))[:, :3]
+        if joint.first != GROUND:
+            carrier = mechanism.body(mechanism.carrier(joint.first))
+            turn = found.frame(joint.first)[0]
+            own = np.eye(3) if carrier.elastic is None else carrier.elastic.axes
+            force = turn @ own.T @ force
+        for node in ends:
+            along = found.frame(node)[0].mT @ force
+            largest = np.abs(along).sum(axis=2).max(axis=0)
+            out[joint.name, node] = largest / GAP
+    return out
 
 
 def _least(blocks: Array) -> float:
@@ -195,6 +234,7 @@ def _finish(mujoco: Any, order: Order, trial: Trial, wanted: Wanted) -> Exported
     largest = 1.0 / (np.pi * max(each.highest for each in trial.spectra))
     step = float(f"{STEP * largest:.1e}")
     _add_step(writer.root, step)
+    add_meshes(writer, order.assembled)
     _add_keys(writer, order, trial)
     text = _text(writer.root)
     mujoco.MjModel.from_xml_string(text)

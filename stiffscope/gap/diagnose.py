@@ -184,7 +184,7 @@ def conclude(found: Findings) -> Diagnosis:
         beside=tuple(
             _describe(found, joint, reported, c, [(joint, 1.0)]) for c in beside
         ),
-        drives=list_drives(found, joint, left),
+        drives=list_drives(found, joint if effects else found.none, left),
     )
 
 

@@ -194,7 +194,7 @@ def to_toml(value: object) -> str:
 
 
 def _number(value: float) -> str:
-    return f"{value + 0.0:.12g}"
+    return f"{value + 0.0:.15g}"
 
 
 def vector_text(values: np.ndarray) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 from functools import partial
+from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 import click
@@ -11,6 +12,7 @@ import click
 from stiffscope.cli import options
 from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit, open_workshop
+from stiffscope.errors import InputError
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.lab import show as blind_scores
 from stiffscope.lab.blind.check import case_files, check_cases, run_blind
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from stiffscope.cli.output import Output
+    from stiffscope.lab.measuring import Mechanics
 
 
 log = logging.getLogger(__name__)
@@ -37,6 +40,14 @@ log = logging.getLogger(__name__)
 )
 @options.count("--campaigns", 100, "How many a robot.", 1, 100000)
 @options.count("--seed", 1, "What decides which are drawn.", 0)
+@click.option(
+    "--machine",
+    "mechanics",
+    type=click.Choice(("own", "exudyn")),
+    default="own",
+    show_default=True,
+    help="Whose mechanics the simulated machine has: our own laboratory's, or EXUDYN's.",
+)
 @options.scheduler
 def blind(
     names: Texts,
@@ -44,6 +55,7 @@ def blind(
     components: str | None,
     campaigns: int,
     seed: int,
+    mechanics: Mechanics,
     scheduler: str | None,
     output: Output,
 ) -> None:
@@ -54,12 +66,16 @@ def blind(
     resumes an interrupted check.
     """
     out = output.required_folder()
+    if mechanics == "exudyn" and find_spec("exudyn") is None:
+        raise InputError(
+            "--machine exudyn: expected the package exudyn; `pip install stiffscope[exudyn]`"
+        )
     cases = out.with_name(f"{out.name}.cases")
     check_cases(cases)
     robots = [load_robot(name) for name in names or ("biglide",)]
     manifest = manifest_of(robots[0], *(robot.path for robot in robots[1:]))
     with open_workshop(output) as shop:
-        drawn = blind_robots(robots, components, shop)
+        drawn = blind_robots(robots, components, shop, mechanics)
         report = shop.open_line("blind")
         scores = run_blind(
             cases,
@@ -79,6 +95,7 @@ def blind(
     about = {
         "campaigns": campaigns,
         "seed": seed,
+        "machine": mechanics,
         "seconds": round(manifest.measure_elapsed(), 1),
     }
     emit(

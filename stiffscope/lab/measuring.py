@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
 
     Codes = NDArray[np.int64]
     Measures = Literal["displacement", "rotation"]
+    Mechanics = Literal["own", "exudyn"]
 
 MEASURES: tuple[Measures, ...] = ("displacement", "rotation")
 
@@ -150,7 +151,10 @@ class Readings:
 
 
 def true_readings(
-    machine: Machine, plan: Plan, located: Located | None = None
+    machine: Machine,
+    plan: Plan,
+    located: Located | None = None,
+    mechanics: Mechanics = "own",
 ) -> Readings:
     """Return the noise-free readings of a machine.
 
@@ -165,15 +169,15 @@ def true_readings(
         Poses, loads and instruments.
     located
         Configuration of the machine at the plan's poses, if already known.
+    mechanics
+        Of this laboratory, or of EXUDYN.
     """
-    tool = tool_spot(machine)
     channels = plan.channels(machine)
-    spots = [tool, *plan.hooks.values()]
-    response = respond(machine, plan.poses if located is None else located, spots)
-    seen = _gains(machine, response, channels)
+    found = locate(machine, plan.poses) if located is None else located
+    open_bench = _open_exudyn if mechanics == "exudyn" else _open_linear
+    bench = open_bench(machine, plan, found, channels)
     p = len(plan.poses)
     c = len(channels)
-    bench = Bench(machine, plan, response, channels, seen)
     planned = [k for k, each in enumerate(RECORDED) if each.is_planned(plan)]
     blocks = [(k, RECORDED[k].measure(bench)) for k in planned]
     keys: list[Codes] = []
@@ -220,11 +224,11 @@ def _gains(machine: Machine, response: Response, channels: tuple[Sensor, ...]) -
         relative = there @ (
             response.twists[sensor.node] - response.twists[sensor.against]
         )
-        rows.append(_read_channel(machine.instrument, sensor, relative))
-    return _make_mixing(machine.instrument, channels) @ np.stack(rows, axis=1)
+        rows.append(read_channel(machine.instrument, sensor, relative))
+    return make_mixing(machine.instrument, channels) @ np.stack(rows, axis=1)
 
 
-def _read_channel(instrument: Instrument, sensor: Sensor, twist: Array) -> Array:
+def read_channel(instrument: Instrument, sensor: Sensor, twist: Array) -> Array:
     """Return the readings (n, …) of a sensor for twists (n, 6, …) at its point."""
     part = twist[:, :3] if sensor.measures == "displacement" else twist[:, 3:]
     along = sensor.direction
@@ -234,7 +238,7 @@ def _read_channel(instrument: Instrument, sensor: Sensor, twist: Array) -> Array
     return np.einsum("i,ni...->n...", along, part)
 
 
-def _make_mixing(instrument: Instrument, channels: tuple[Sensor, ...]) -> Array:
+def make_mixing(instrument: Instrument, channels: tuple[Sensor, ...]) -> Array:
     """Return the cross-talk matrix (c, c) of the channels."""
     names = [sensor.name for sensor in channels]
     out = np.eye(len(names))
@@ -244,7 +248,7 @@ def _make_mixing(instrument: Instrument, channels: tuple[Sensor, ...]) -> Array:
     return out
 
 
-def _true_wrench(instrument: Instrument, stated: Array) -> Array:
+def true_wrench(instrument: Instrument, stated: Array) -> Array:
     """Return the true wrench (…, 6) at the stated point for a stated wrench."""
     out = instrument.force * stated
     for first, second in instrument.swaps:
@@ -270,7 +274,7 @@ def _apply(
     first = {name: 6 * (k + 1) for k, name in enumerate(plan.hooks)} | {"": 0}
     cases = np.zeros((shape[0], len(loads), shape[1]))
     for k, (name, wrench) in enumerate(loads):
-        cases[:, k, first[name] : first[name] + 6] = _true_wrench(
+        cases[:, k, first[name] : first[name] + 6] = true_wrench(
             machine.instrument, wrench
         )
     return cases
@@ -295,10 +299,14 @@ def _settle_slots(
 
 
 def _deflections(
-    machine: Machine, plan: Plan, response: Response, seen: Array
+    machine: Machine,
+    plan: Plan,
+    response: Response,
+    seen: Array,
+    loads: Sequence[tuple[str, Array]],
 ) -> Array:
     """Return deflections (p, m, c): loaded minus unloaded."""
-    cases = _apply(machine, plan, plan.loads, seen.shape[::2])
+    cases = _apply(machine, plan, loads, seen.shape[::2])
     if machine.slots:
         force = np.einsum("nsc,nmc->nms", response.force, cases)
         dead = np.broadcast_to(response.force[:, None, :, response.dead], force.shape)
@@ -332,22 +340,43 @@ def _displacements(
         if not plan.sensors:
             turned = response.nominal.rotation[TOOL]
             moved = moved + (machine.shift.reshape(2, 3) @ turned.mT).reshape(-1, 6)
-        rigid.append(_read_channel(machine.instrument, s, moved))
-    shift = np.stack(rigid, axis=1) @ _make_mixing(machine.instrument, channels).T
+        rigid.append(read_channel(machine.instrument, s, moved))
+    shift = np.stack(rigid, axis=1) @ make_mixing(machine.instrument, channels).T
     return shift[:, None] + np.einsum("nkc,nmc->nmk", seen, cases)
 
 
-def _stiffnesses(machine: Machine, plan: Plan, seen: Array) -> Array:
+def find_stiffness(machine: Machine, plan: Plan, seen: Array) -> Array:
     """Return stiffness diagonals or pushes (p, 6): stated wrench over measured displacement."""
-    shown = seen[:, :, :6] @ _true_wrench(machine.instrument, np.eye(6)).T
+    shown = seen[:, :, :6] @ true_wrench(machine.instrument, np.eye(6)).T
     if plan.stiffness == "p":
         return 1.0 / np.einsum("nii->ni", shown)
     return np.einsum("nii->ni", np.linalg.inv(shown))
 
 
+class Bench(Protocol):
+    """A machine at the poses of a plan, as some mechanics has it."""
+
+    @property
+    def plan(self) -> Plan:
+        """Poses, loads and instruments."""
+        ...
+
+    def deflect(self, loads: Sequence[tuple[str, Array]]) -> Array:
+        """Return deflections (p, m, c) under loads: loaded minus unloaded."""
+        ...
+
+    def displace(self, loads: Sequence[tuple[str, Array]]) -> Array:
+        """Return displacements (p, m, c) under loads from where the machine is commanded."""
+        ...
+
+    def stiffness(self) -> Array:
+        """Return stiffness diagonals or pushes (p, 6) at M."""
+        ...
+
+
 @dataclass(frozen=True)
-class Bench:
-    """A machine with its response at the poses of a plan."""
+class LinearBench:
+    """A machine with its linear response at the poses of a plan."""
 
     machine: Machine
     plan: Plan
@@ -356,10 +385,35 @@ class Bench:
     seen: Array
     """Readings (p, c, cases) of each channel for the response's cases."""
 
+    def deflect(self, loads: Sequence[tuple[str, Array]]) -> Array:
+        """Return deflections (p, m, c) under loads: loaded minus unloaded."""
+        return _deflections(self.machine, self.plan, self.response, self.seen, loads)
+
     def displace(self, loads: Sequence[tuple[str, Array]]) -> Array:
         """Return displacements (p, m, c) under loads from where the machine is commanded."""
         where = self.machine, self.plan, self.response
         return _displacements(*where, self.channels, self.seen, loads)
+
+    def stiffness(self) -> Array:
+        """Return stiffness diagonals or pushes (p, 6) at M."""
+        return find_stiffness(self.machine, self.plan, self.seen)
+
+
+def _open_linear(
+    machine: Machine, plan: Plan, located: Located, channels: tuple[Sensor, ...]
+) -> Bench:
+    spots = [tool_spot(machine), *plan.hooks.values()]
+    response = respond(machine, located, spots)
+    seen = _gains(machine, response, channels)
+    return LinearBench(machine, plan, response, channels, seen)
+
+
+def _open_exudyn(
+    machine: Machine, plan: Plan, located: Located, channels: tuple[Sensor, ...]
+) -> Bench:
+    from stiffscope.lab.exudyn_bench import ExudynBench
+
+    return ExudynBench(machine, plan, located, channels)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -388,7 +442,7 @@ class Recorded:
 def _measure_under_loads(bench: Bench) -> Array:
     if bench.plan.frame:
         return bench.displace(bench.plan.loads)
-    return _deflections(bench.machine, bench.plan, bench.response, bench.seen)
+    return bench.deflect(bench.plan.loads)
 
 
 DEFLECTED = Recorded(
@@ -419,7 +473,7 @@ STIFF = Recorded(
     name="stiffness",
     letter=lambda plan: plan.stiffness,
     is_planned=lambda plan: plan.stiffness != "",
-    measure=lambda bench: _stiffnesses(bench.machine, bench.plan, bench.seen)[:, None],
+    measure=lambda bench: bench.stiffness()[:, None],
     is_loaded=False,
     wrench=np.nan,
     is_displayed=False,
@@ -479,6 +533,7 @@ def measure(
     noise: Noise,
     rng: np.random.Generator,
     located: Located | None = None,
+    mechanics: Mechanics = "own",
 ) -> Readings:
     """Return the readings of a machine, with noise, as a lab would deliver them.
 
@@ -486,14 +541,14 @@ def measure(
 
     Parameters
     ----------
-    machine, plan, located
+    machine, plan, located, mechanics
         As for `true_readings`.
     noise
         Noise of each kind of reading.
     rng
         Random generator of the noise.
     """
-    rows = true_readings(machine, plan, located)
+    rows = true_readings(machine, plan, located, mechanics)
     instrument = machine.instrument
     n = len(rows.value)
     sigma = sigma_of(rows, noise) * np.abs(_find_factors(instrument, rows))

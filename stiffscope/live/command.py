@@ -28,6 +28,12 @@ if TYPE_CHECKING:
         help="Compare its readings with the robot, and follow its tables as they are saved.",
     ),
     click.option(
+        "--job",
+        metavar="JOB",
+        type=click.Path(path_type=Path, exists=True, dir_okay=False),
+        help="Show the stable depth of its milling cut, as `stiffscope lobes`.",
+    ),
+    click.option(
         "--port",
         default=0,
         type=click.IntRange(0, 65535),
@@ -41,14 +47,15 @@ def live(
     components: Any,
     overrides: Texts,
     campaign: Path | None,
+    job: Path | None,
     port: int,
     no_browser: bool,
     output: Output,
 ) -> None:
     """Open a page with the turning robot and a slider for every value, pose and load.
 
-    Stiffness, sag, natural frequencies and maps follow the sliders. The page is served on this
-    machine only, at an address with a token; Ctrl-C ends it.
+    Stiffness, sag, natural frequencies, maps and, with --job, the stable depth of cut follow the
+    sliders. The page is served on this machine only, at an address with a token; Ctrl-C ends it.
     """
 
     def announce(address: str) -> None:
@@ -56,4 +63,4 @@ def live(
         if not no_browser:
             webbrowser.open(address)
 
-    serve(open_robot(name, overrides, components, campaign), port, announce)
+    serve(open_robot(name, overrides, components, campaign, job), port, announce)

@@ -20,6 +20,8 @@ from stiffscope.experiments.assembly import (
 )
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.show.campaign import marks
+from stiffscope.lobes.chatter import judge, named_axes
+from stiffscope.lobes.show import show_limits
 from stiffscope.report import page, tables
 from stiffscope.report.numbers import WRENCH, coordinates
 from stiffscope.report.pictures import PictureError
@@ -45,6 +47,7 @@ if TYPE_CHECKING:
 
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.gap.campaigns import Case
+    from stiffscope.path.job import Job
     from stiffscope.report.terminal import Shown
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.vjm.kinematics.configurations import Configurations
@@ -158,10 +161,22 @@ def read_setting(robot: RobotFile, asked: Any) -> Setting:
     return Setting(values, **lists)
 
 
-def answer(assembled: Assembled, setting: Setting) -> dict[str, Any]:
+def answer(
+    assembled: Assembled, setting: Setting, job: Job | None = None
+) -> dict[str, Any]:
     """Return a robot's results at a pose under a load: tables as HTML and motions of its nodes.
 
-    ``assembled``: the robot with the setting's values. Raise InputError for a pose out of reach.
+    Parameters
+    ----------
+    assembled, setting
+        The robot with the setting's values, and the setting.
+    job
+        Job whose stable depth of cut is shown too.
+
+    Raises
+    ------
+    InputError
+        The pose is out of reach.
     """
     mechanism = assembled.mechanism
     state = at_named_poses(assembled, {"now": setting.pose})
@@ -177,6 +192,9 @@ def answer(assembled: Assembled, setting: Setting) -> dict[str, Any]:
         with suppress(InputError):  # without masses
             sounds = modes(mechanism, found, MODES)
             tables.show_modes(["now"], sounds, "Natural frequencies, drives held")
+        if job is not None:
+            limits = judge(job, assembled, found, named_axes(job, found.tool))
+            show_limits(["now"], limits)
     view = robot_view({}, found, ["now"], _cases(assembled, found, load))
     return {"tables": as_html(shown), "view": view}
 

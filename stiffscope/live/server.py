@@ -31,6 +31,8 @@ from stiffscope.experiments.watching import changes, keep_meshed
 from stiffscope.gap.campaigns import diagnose_case, open_case
 from stiffscope.gap.show import tables as gap_tables
 from stiffscope.live import page as live
+from stiffscope.lobes.chatter import check_cut
+from stiffscope.path.job import load_job
 from stiffscope.report.pictures import open_drawing
 from stiffscope.report.terminal import record_shown
 from stiffscope.robot.reader import load_robot
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.experiments.experiments import PartResult
     from stiffscope.live.page import Setting
+    from stiffscope.path.job import Job
     from stiffscope.robot.file.description import RobotFile
 
 HOST = "127.0.0.1"
@@ -91,6 +94,7 @@ class LiveRobot:
     robot : robot file.
     components : source of the parts' matrices, as in `assemble`.
     campaign : folder of the campaign to compare with the robot, or None.
+    job : job whose stable depth of cut is shown, or None.
     tell : sends a message to the page; thread-safe.
     made : assembled robot and the slider values used for it.
     asked : newest setting.
@@ -102,6 +106,7 @@ class LiveRobot:
     tell: Callable[[Mapping[str, Any]], None] = print
     made: tuple[Assembled, Mapping[str, float]] | None = None
     asked: Setting | None = None
+    job: Job | None = None
     _meshed: dict[str, PartResult] = field(default_factory=dict, init=False)
     _workers: list[Newest] = field(default_factory=list, init=False)
     _ended: bool = field(default=False, init=False)
@@ -173,7 +178,7 @@ class LiveRobot:
         start = time.perf_counter()
         (assembled, values) = self.made
         try:
-            answer = live.answer(assembled, setting)
+            answer = live.answer(assembled, setting, self.job)
         except StiffscopeError as error:
             self.tell({"problem": str(error)})
             return
@@ -350,10 +355,17 @@ def serve(robot: LiveRobot, port: int, announce: Callable[[str], None]) -> None:
 
 
 def open_robot(
-    name: str, overrides: Sequence[str], components: Any, campaign: Path | None
+    name: str,
+    overrides: Sequence[str],
+    components: Any,
+    campaign: Path | None,
+    job: Path | None = None,
 ) -> LiveRobot:
-    """Open the robot of a command line. Raise InputError if robot or campaign is invalid."""
+    """Open the robot of a command line. Raise InputError if robot, campaign or job is invalid."""
     robot = load_robot(name, overrides)
+    cut = None if job is None else load_job(job, robot)
+    if cut is not None:
+        check_cut(cut)
     if campaign is not None:
         open_case(campaign, instead=str(robot.source.path))
-    return LiveRobot(robot, components, campaign)
+    return LiveRobot(robot, components, campaign, job=cut)

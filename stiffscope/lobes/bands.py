@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.lobes.response import ToolResponse
 from stiffscope.lobes.zero_order import (
     frequency_grid,
     mode_terms,
@@ -21,6 +20,7 @@ from stiffscope.lobes.zero_order import (
 
 if TYPE_CHECKING:
     from stiffscope.lobes.engagement import Engagement
+    from stiffscope.lobes.response import ToolResponse
     from stiffscope.lobes.zero_order import Critical
     from stiffscope.runtime.types import Array
 
@@ -40,8 +40,8 @@ def critical_error(
 ) -> Array:
     """Return the 95 % half width (n,) of ln(depth) of the limit that holds at any speed.
 
-    λ is stationary in its eigenvectors, so that it changes by the terms of the modes alone: by ``∂ln H / ∂ln ω_k = -2 ω_k (ω_k + iζω) H`` and ``∂ln H / ∂ln ζ_k = -2 i ζ
-    ω_k ω H``.
+    λ is stationary in its eigenvectors, so that it changes by the terms of the modes alone:
+    ``∂ln H / ∂ln ω_k = -2 ω_k (ω_k + iζω) H`` and ``∂ln H / ∂ln ζ_k = -2iζ ω_k ω H``.
 
     Parameters
     ----------

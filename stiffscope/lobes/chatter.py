@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,11 +28,13 @@ from stiffscope.vjm.model.screws import rotation_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
 
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.lobes.engagement import Engagement
     from stiffscope.lobes.model import LobesSection
     from stiffscope.lobes.response import ToolResponse
+    from stiffscope.lobes.zero_order import Critical
     from stiffscope.path.job import Job, MillingSection
     from stiffscope.runtime.types import Array, Indices, Progress
     from stiffscope.vjm.kinematics.configurations import Configurations
@@ -41,6 +43,7 @@ if TYPE_CHECKING:
     Rated = Callable[[Array], tuple[Array, Array]]
 
 MOST_POINTS = 2000  # of a path at which limits are computed
+FEW_POINTS = 200  # of a path, in each design of a study
 STATIONS = 3  # poses of the lobes along a path, besides the worst
 _CHUNK = 256  # poses at a time
 _ADVISED = 3  # speeds
@@ -68,6 +71,20 @@ def lobes_section(job: Job) -> LobesSection:
         expected = "expected a section with the damping of the modes"
         raise InputError(f"{job.file}: lobes: {expected}, got none")
     return section
+
+
+def files_of(job: Job) -> list[Path]:
+    """Return the files that a job's results depend on, besides itself and its robot."""
+    section = getattr(job.section, "lobes", None)
+    if section is None or section.measured is None:
+        return [job.path_file]
+    return [job.path_file, job.file.parent / section.measured]
+
+
+def check_cut(job: Job) -> None:
+    """Raise InputError if a job lacks what the stability of its cut needs."""
+    cutting_of(job)
+    damping_of(job)
 
 
 def cutting_of(job: Job) -> Cutting:
@@ -218,12 +235,9 @@ def stretch_of(job: Job, assembled: Assembled, most: int = MOST_POINTS) -> Stret
     points = acting[pick_evenly(len(acting), most)]
     steps = np.linalg.norm(np.diff(tool[:, :3], axis=0), axis=1)
     length = np.concatenate([[0.0], np.cumsum(steps)])
-    pose = assembled.mechanism.tool.pose
-    if path.by_joints or len(blocks) == 1:
-        found = blocks[0][points] if len(blocks) == 1 else None
-    else:
-        found = None
-    if found is None:
+    found = blocks[0][points] if len(blocks) == 1 else None
+    if found is None:  # a long path: its points once more, from their tool poses
+        pose = assembled.mechanism.tool.pose
         found = configure(assembled.mechanism, _pose_columns(tool[points], pose))
     return Stretch(found, tool[points], axes[points], points, length[points])
 
@@ -313,9 +327,10 @@ def _judge(
     response, shaken = respond(job, assembled, found, axes)
     critical = find_critical(response, cut, speed_range(job, cutting))
     error = critical_error(response, cut, critical, lobes_section(job).kt_error)
-    limit = stable_depth(
-        response, cut, np.array([cutting.speed]), critical.depth, method_of(job, cut)
-    )
+    speeds = np.array([cutting.speed, *speed_range(job, cutting)])
+    method = method_of(job, cut)
+    limit = stable_depth(response, cut, speeds, critical.depth, method)
+    critical = _cap(critical, limit)
     mode = np.abs(critical.shares).argmax(axis=1)
     poses = np.arange(len(found))
     return Stability(
@@ -326,6 +341,14 @@ def _judge(
         mode=response.rates[poses, mode] / (2.0 * np.pi),
         shares=_element_shares(response, shaken, mode),
     )
+
+
+def _cap(critical: Critical, depth: Array) -> Critical:
+    """Return limits at all speeds that are not above depths (n, s) at some speeds.
+
+    Those of all harmonics may be lower than the zero-order limit.
+    """
+    return replace(critical, depth=np.minimum(critical.depth, depth.min(axis=1)))
 
 
 def stable_depth(
@@ -360,16 +383,8 @@ def critical_along(job: Job, assembled: Assembled) -> Array:
 
     Points without a cut have the value of the nearest point that cuts.
     """
-    stretch = stretch_of(job, assembled)
-    cutting = cutting_of(job)
-    cut = cutting.cut
-    speeds = speed_range(job, cutting)
-    depth = np.empty(len(stretch.points))
-    for start in range(0, len(depth), _CHUNK):
-        some = slice(start, start + _CHUNK)
-        found = stretch.found[np.arange(len(depth))[some]]
-        response, _ = respond(job, assembled, found, stretch.axes[some])
-        depth[some] = find_critical(response, cut, speeds).depth
+    stretch = stretch_of(job, assembled, FEW_POINTS)
+    depth = judge(job, assembled, stretch.found, stretch.axes).critical.depth
     nearest = np.searchsorted(
         0.5 * (stretch.points[1:] + stretch.points[:-1]), np.arange(len(job.path))
     )
@@ -431,6 +446,7 @@ def find_lobes(
         ends[0, k], ends[1, k] = _carry_band(depth[k], plain, band)
         if progress is not None:
             progress("lobes", (k + 1) / len(found))
+    here = replace(here, critical=_cap(here.critical, depth))
     worst = int(np.argmin(here.critical.depth))
     levers = find_levers(
         assembled.mechanism,

@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cache
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -188,7 +189,7 @@ def _place_nodes(
     weights = list[np.ndarray]()
     panels = list[slice]()
     first = 0
-    for low, high in zip(ends[:-1], ends[1:], strict=True):
+    for low, high in pairwise(ends):
         length = high - low
         if length <= 1e-9 * delay:
             continue
@@ -220,7 +221,7 @@ def _causal(base: Array, weights: Array, panels: list[slice], poles: Array) -> A
     out = np.zeros((len(poles), len(base), len(base)))
     for panel in panels:
         count = panel.stop - panel.start
-        x, w, inner, inner_weights = _panel(count)
+        x, _, inner, inner_weights = _panel(count)
         length = weights[panel].sum()
         since = length * x[:, None] * (1.0 - inner)  # (i, q)
         partial = length * x[:, None] * inner_weights

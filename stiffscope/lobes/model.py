@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import numpy as np
 from pydantic import field_validator
 
-from stiffscope.path.values import Share, Turns
+from stiffscope.path.values import Turns
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file import values as v
 from stiffscope.robot.file.values import Reads, Says, Section

@@ -15,6 +15,7 @@ from stiffscope.report.run_report import AT_M
 from stiffscope.report.terminal import show_facts, show_line, show_table
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
@@ -143,44 +144,45 @@ def show_lobes(found: Lobes) -> None:
         verdict = "chatters along the whole path"
     elif share < 100.0:
         verdict = f"chatters on {100.0 - share:.0f} % of the path's points"
+    where = f"line {line} of {file}, s = {1e3 * found.length[k]:,.1f} mm"
+    speeds = f"{60.0 * found.speeds[0]:.0f} to {60.0 * found.speeds[-1]:.0f} rpm"
+    force = f"{1e-6 * cut.stiffness:.4g} N/mm² at a chip of {_mm(cutting.chip)}"
+    asked = f"{_mm(cutting.depth)} deep at {60.0 * cutting.speed:.0f} rpm"
     facts = [
-        (
-            "cut",
-            f"{_mm(cutting.depth)} deep at {60.0 * cutting.speed:.0f} rpm: {verdict}",
-        ),
-        (
-            "stable depth there",
-            f"{_mm(along.limit[k])} at worst, line {line} of {file}, "
-            f"s = {1e3 * found.length[k]:,.1f} mm",
-        ),
-        ("margin", f"{_times(found.margin[k])} of the depth at worst"),
-        (
-            "all speeds",
-            f"{_mm(along.critical.depth.min())} from {60.0 * found.speeds[0]:.0f} to "
-            f"{60.0 * found.speeds[-1]:.0f} rpm",
-        ),
+        ("cut", f"{asked}: {verdict}"),
+        ("stable there", f"{_mm(along.limit[k])} at worst, {where}"),
+        ("margin", f"{_times(found.margin[k])} the job's depth"),
+        ("stable from", f"{speeds}: {_mm(along.critical.depth.min())}"),
         ("teeth in the cut", f"{cut.immersed:.2f}; method: {found.method}"),
-        (
-            "cutting force",
-            f"{1e-6 * cut.stiffness:.4g} N/mm² more per chip, at a chip of "
-            f"{_mm(cutting.chip)}",
-        ),
+        ("force by chip", force),
     ]
     show_facts(f"Chatter: {file} on {found.job.robot.name}", facts)
-    at = found.at
+    show_limits(found.names, found.at)
+    if found.levers:
+        _show_levers(found)
+    if found.advised.size:
+        words = ", ".join(
+            f"{60.0 * speed:.0f} rpm ({_mm(depth)})"
+            for speed, depth in zip(found.advised, found.advised_depth, strict=True)
+        )
+        show_line(f"Speeds with the highest stable depth at every pose: {words}.")
+
+
+def show_limits(names: Sequence[str], state: Stability) -> None:
+    """Print the stable depths at poses, with frequency of chatter and limiting mode."""
     rows = []
-    for n, name in enumerate(found.names):
-        low = _mm(at.critical_low[n])
-        high = _mm(at.critical_high[n])
+    for k, name in enumerate(names):
+        low = _mm(state.critical_low[k])
+        high = _mm(state.critical_high[k])
         rows.append(
             (
                 name,
-                _mm(at.limit[n]),
-                _mm(at.critical.depth[n]),
+                _mm(state.limit[k]),
+                _mm(state.critical.depth[k]),
                 f"{low} to {high}",
-                f"{at.chatter[n]:.4g}",
-                f"{at.mode[n]:.4g}",
-                _mm(at.critical.coupling[n]),
+                f"{state.chatter[k]:.4g}",
+                f"{state.mode[k]:.4g}",
+                _mm(state.critical.coupling[k]),
             )
         )
     columns = [
@@ -190,14 +192,6 @@ def show_lobes(found: Lobes) -> None:
         ["without waves"],
     ]
     show_table("Stable depth of cut", columns, rows)
-    if found.levers:
-        _show_levers(found)
-    if found.advised.size:
-        words = ", ".join(
-            f"{60.0 * speed:.0f} rpm ({_mm(depth)})"
-            for speed, depth in zip(found.advised, found.advised_depth, strict=True)
-        )
-        show_line(f"Speeds with the highest stable depth at every pose: {words}.")
 
 
 def _show_levers(found: Lobes) -> None:

@@ -168,6 +168,14 @@ def _find_critical(
     omega = inner[poses, best]
     most = real[poses, best]
     depth = np.where(most > 0.0, 0.5 / np.where(most > 0.0, most, 1.0), np.inf)
+    # at the ends of the range a lobe may be narrower than any grid of frequencies
+    ends = np.array([speed for speed in speeds if 0.0 < speed < np.inf])
+    if ends.size:
+        others, rates = _find_lobes(response, cut, ends, grid)
+        least = others.argmin(axis=1)
+        beyond = others[poses, least] < depth
+        depth = np.where(beyond, others[poses, least], depth)
+        omega = np.where(beyond, rates[poses, least], omega)
     shares = _mode_shares(response, cut, omega)
     slope = _find_slope(response, cut, omega, speeds)
     return Critical(depth, omega, shares, slope, coupling)
@@ -264,30 +272,37 @@ def zero_order_depth(
     cut
         Engagement of the cutter.
     speeds
-        Spindle speeds (s,), rev/s, or (n, s).
+        Spindle speeds (s,), rev/s.
     grid
         Frequencies (n, f), rad/s, by default `frequency_grid`.
     """
     omega = frequency_grid(response) if grid is None else grid
-    delays = 1.0 / (
-        cut.teeth * np.broadcast_to(speeds, (len(response), np.shape(speeds)[-1]))
-    )
-    out = np.empty(delays.shape)
+    return _find_lobes(response, cut, speeds, omega)[0]
+
+
+def _find_lobes(
+    response: ToolResponse, cut: Engagement, speeds: Array, grid: Array
+) -> tuple[Array, Array]:
+    """Return stable depths (n, s), m, and the frequencies (n, s) of chatter there, rad/s."""
+    delays = 1.0 / (cut.teeth * np.asarray(speeds, dtype=float))
+    depth = np.empty((len(response), len(delays)))
+    omega = np.empty(depth.shape)
     for start in range(0, len(response), _CHUNK):
         some = slice(start, start + _CHUNK)
-        values = follow(eigenvalues(response[some], cut, omega[some]))
-        for k, branches in enumerate(values):
-            pose = start + k
-            out[pose] = _cross_lobes(
-                response[pose : pose + 1], cut, omega[pose], branches, delays[pose]
-            )
-    return out
+        values = follow(eigenvalues(response[some], cut, grid[some]))
+        for k, branches in enumerate(values, start):
+            one = response[k : k + 1]
+            depth[k], omega[k] = _cross_lobes(one, cut, grid[k], branches, delays)
+    return depth, omega
 
 
 def _cross_lobes(
     response: ToolResponse, cut: Engagement, omega: Array, values: Array, delays: Array
-) -> Array:
-    """Return the least depth (s,) at which a branch λ (f, d) meets a lobe, by delay τ (s,), s."""
+) -> tuple[Array, Array]:
+    """Return the least depth (s,) at which a branch λ (f, d) meets a lobe, by delay τ (s,), s.
+
+    And the frequency (s,), rad/s, of chatter there.
+    """
     real = values.real.T  # (d, f)
     size = np.abs(values).T
     alive = (real[:, :-1] > 0.0) | (real[:, 1:] > 0.0)
@@ -317,9 +332,9 @@ def _cross_lobes(
     )
     below = start[speeds, branch, place] - goal
     ends = [below, below + rise[speeds, branch, place]]
-    exact = _settle(response, cut, delays, goal, (low, high), ends, near)
+    exact, settled = _settle(response, cut, delays, goal, (low, high), ends, near)
     most = np.where(found, exact, 1.0)
-    return np.where(found, 0.5 / most, np.inf)
+    return np.where(found, 0.5 / most, np.inf), settled
 
 
 def _settle(
@@ -330,11 +345,12 @@ def _settle(
     between: tuple[Array, Array],
     misses: list[Array],
     near: Array,
-) -> Array:
-    """Return Re λ (s,) where ωτ - 2 arg λ - π reaches its goal, by regula falsi (Illinois)."""
+) -> tuple[Array, Array]:
+    """Return Re λ and ω (s,) where ωτ - 2 arg λ - π reaches its goal, by regula falsi."""
     low, high = between
     below, above = misses
     value = near
+    omega = low
     for _ in range(_SETTLE):
         apart = np.where(above != below, above - below, 1.0)
         omega = low - below * (high - low) / apart
@@ -347,4 +363,4 @@ def _settle(
         low, high = np.where(same, omega, low), np.where(same, high, omega)
         above = np.where(same, 0.5 * above, miss)
         below = np.where(same, miss, 0.5 * below)
-    return np.maximum(value.real, 1e-300)
+    return np.maximum(value.real, 1e-300), omega

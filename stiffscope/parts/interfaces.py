@@ -5,9 +5,7 @@ Each choice changes one setting of the robot file, as `--set` would.
 
 from __future__ import annotations
 
-import csv
 import dataclasses
-import io
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -31,6 +29,16 @@ if TYPE_CHECKING:
     from stiffscope.runtime.workshop import Workshop
 
 AT_ONCE = 2  # parallel experiments; each may need gigabytes
+_COLUMNS = (
+    "entry",
+    "unit",
+    "choice",
+    "set",
+    "value",
+    "bound",
+    "change",
+    "change_bound",
+)
 OWN = "as in the robot file"
 UNKNOWN = {
     "three pads": "the solid of a STEP file is as it is",
@@ -260,25 +268,19 @@ def _entry(own: Tested, others: Sequence[Tested], i: int, j: int) -> Entry:
     return Entry(name, unit, value, error, changes, tuple(bars.tolist()), (i, j))
 
 
-def interfaces_csv(compared: Comparison) -> str:
-    """Return CSV with a row for each entry and choice, SI; changes are relative to the file's."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(
-        ["entry", "unit", "choice", "set", "value", "bound", "change", "change_bound"]
-    )
+def interfaces_columns(compared: Comparison) -> dict[str, list[Any]]:
+    """Return columns of a row for each entry and choice, SI; changes are relative to the file's."""
+    columns: dict[str, list[Any]] = {name: [] for name in _COLUMNS}
     for entry in compared.entries:
-        i, j = entry.place
         others = zip(compared.others, entry.changes, entry.bars, strict=True)
-        rows = [(compared.own, 0.0, 0.0), *others]
-        for tested, change, bar in rows:
-            values = (tested.compliance[i, j], tested.error[i, j], change, bar)
-            numbers = (f"{v:.9g}" for v in values)
+        for tested, change, bar in [(compared.own, 0.0, 0.0), *others]:
             words = "; ".join(tested.choice.overrides)
-            writer.writerow(
-                [entry.name, entry.unit, tested.choice.name, words, *numbers]
-            )
-    return text.getvalue()
+            texts = (entry.name, entry.unit, tested.choice.name, words)
+            numbers = (tested.compliance[entry.place], tested.error[entry.place])
+            row = (*texts, *numbers, change, bar)
+            for column, value in zip(columns.values(), row, strict=True):
+                column.append(value)
+    return columns
 
 
 def interfaces_json(compared: Comparison) -> dict[str, Any]:

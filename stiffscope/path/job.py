@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import numpy as np
 from pydantic import Field, create_model
@@ -306,6 +306,7 @@ WholeJob = create_model(
     "WholeJob",
     __base__=JobSection,
     __module__=__name__,
+    __doc__=JobSection.__doc__,
     **{name: (schema | None, None) for name, schema in sections_of("job").items()},
 )
 SECTIONS = (

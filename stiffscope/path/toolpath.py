@@ -110,7 +110,7 @@ class ToolPath:
             return
         pairs = zip(self.columns, self.values.T, strict=True)
         columns = {name: values / self.factors[name] for name, values in pairs}
-        TABLE_FORMATS[".csv"].write(columns | dict(self.free), path, None)
+        TABLE_FORMATS[".csv"](columns | dict(self.free), path, None)
 
 
 def read_toolpath(

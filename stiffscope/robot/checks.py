@@ -189,7 +189,7 @@ def _check_bearing(robot: RobotFile, name: str) -> None:
             joint.yielding(written_axes(robot, name))
     if getattr(joint, "drive", None) is None or joint.compliance is None:
         return
-    along = joint.made.driven
+    along = joint.made.driven or 0
     given = joint.compliance
     free = (
         (given.axial if along == 0 else 0.0)

@@ -1,34 +1,18 @@
-"""File formats of result tables, one object a format; every command that writes a table asks it."""
+"""File formats of result tables: one function a format, which every command that writes a table asks for."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Mapping
+    from collections.abc import Iterable, Mapping
     from pathlib import Path
 
-    import pandas as pd
     import xarray as xr
 
     Columns = Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class TableFormat:
-    """A format of tables.
-
-    Attributes
-    ----------
-    write : writes columns (n,) by name to a path; with significant digits, or None for all.
-    read : returns the table of a file.
-    """
-
-    write: Callable[[Columns, Path, int | None], None]
-    read: Callable[[Path], pd.DataFrame]
 
 
 def _write_csv(columns: Columns, path: Path, digits: int | None) -> None:
@@ -37,19 +21,13 @@ def _write_csv(columns: Columns, path: Path, digits: int | None) -> None:
     import pyarrow.csv
 
     numbers = all(np.asarray(each).dtype == float for each in columns.values())
-    if numbers and digits is None:  # 20 times as fast
+    if numbers and digits is None:  # quick on long paths
         pyarrow.csv.write_csv(pa.table(dict(columns)), path)
         return
     form: dict[str, Any] = {}
     if digits is not None:
         form = {"float_format": f"%.{digits}g", "na_rep": "nan"}
     pd.DataFrame(columns).to_csv(path, index=False, lineterminator="\n", **form)
-
-
-def _read_csv(path: Path) -> pd.DataFrame:
-    import pandas as pd
-
-    return pd.read_csv(path)
 
 
 def _write_parquet(columns: Columns, path: Path, digits: int | None) -> None:
@@ -59,17 +37,9 @@ def _write_parquet(columns: Columns, path: Path, digits: int | None) -> None:
     pd.DataFrame(columns).to_parquet(path, index=False)
 
 
-def _read_parquet(path: Path) -> pd.DataFrame:
-    import pandas as pd
-
-    return pd.read_parquet(path)
-
-
-TABLE_FORMATS = {
-    ".csv": TableFormat(_write_csv, _read_csv),
-    ".parquet": TableFormat(_write_parquet, _read_parquet),
-}
-"""By the suffix of their files."""
+TABLE_FORMATS = {".csv": _write_csv, ".parquet": _write_parquet}
+"""By the suffix of its files, the function of each format that writes columns to a path, with so
+many significant digits, or all if None."""
 
 
 def write_table(
@@ -93,7 +63,7 @@ def write_table(
     """
     for suffix in suffixes:
         path = target.with_name(target.name + suffix)
-        TABLE_FORMATS[suffix].write(columns, path, digits)
+        TABLE_FORMATS[suffix](columns, path, digits)
 
 
 def write_netcdf(dataset: xr.Dataset, path: Path) -> None:

@@ -363,11 +363,11 @@ def list_quantities(found: StiffnessMap) -> list[Quantity]:
         names = (f"sag_{axis}", f"sag_{axis}", "sag")
         words = f"twist of the tool under the robot's own weight, {axis}"
         out.append(Quantity(*names, found.sag[..., k], _LENGTHS[k], words))
-    count = 0 if found.frequencies is None else found.frequencies.shape[2]
-    for k in range(count):
+    sounds = np.zeros((0, 0, 0)) if found.frequencies is None else found.frequencies
+    for k in range(sounds.shape[2]):
         names = (f"f{k + 1}", f"f{k + 1}", "frequencies")
         words = f"natural frequency {k + 1}, drives held"
-        out.append(Quantity(*names, found.frequencies[..., k], "Hz", words))
+        out.append(Quantity(*names, sounds[..., k], "Hz", words))
     more = found.more.items()
     return out + [Quantity(name, name, "", *scalar) for name, scalar in more]
 

@@ -67,7 +67,10 @@ def test_plate_thickness_under_a_mass_limit(tmp_path):
     thickness = made.designs[made.best[0]].values[0]
     assert thickness == pytest.approx(0.6 / (RHO * 0.060 * 0.090), rel=5e-3)
     assert (
-        load_robot(file.parent / "robot.toml").parts["bar 1"].lengths()["thickness"]
+        load_robot(file.parent / "robot.toml")
+        .parts["bar 1"]
+        .parameters()
+        .lengths()["thickness"]
         == 0.010
     )
 
@@ -392,7 +395,7 @@ def test_command_writes_table_pictures_and_robots_that_run(rod, tmp_path, capsys
         each.name for each in out.iterdir()
     }
     best = load_robot(out / "best-1.toml")
-    assert best.parts["bar 1"].lengths()["bore"] == 0.009
+    assert best.parts["bar 1"].parameters().lengths()["bore"] == 0.009
     assert (
         _guarded(
             [

@@ -9,10 +9,9 @@ import pytest
 
 from stiffscope.cad.link import LinkParameters
 from stiffscope.errors import InputError
-from stiffscope.experiments.experiments import AXES, compliance_json, solve_parts
+from stiffscope.experiments.experiments import compliance_json, solve_parts
 from stiffscope.experiments.orders import build_part, order_part
 from stiffscope.experiments.watching import keep_meshed
-from stiffscope.robot.file.part_sections import PARTS
 from stiffscope.robot.part_matrices import beam_compliance
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.workshop import workshop
@@ -31,10 +30,6 @@ def test_the_shape_of_a_part_decides_its_solid_whatever_its_name(tmp_path):
     part = build_part(one_part(tmp_path, ROD), NAME)
     assert (part.name, len(part.clamped)) == (NAME, 1)
     np.testing.assert_allclose(part.loaded[0].reference_point, [0.06, 0, 0], atol=1e-12)
-
-
-def test_the_axes_of_every_shape_are_stated():
-    assert AXES.keys() == PARTS.keys() - {"matrix"}
 
 
 def test_numbers_of_absent_features_ask_for_no_new_experiment():

@@ -126,7 +126,11 @@ def test_units_expressions_and_defaults(read):
     assert robot.bodies["leg1.arm"].tip == pytest.approx(
         (0.18 + 0.22 * np.cos(np.radians(25)), 0, robot.parameters["z"])
     )
-    assert robot.parts["arm"].lengths()["length"] == robot.parameters["a"] == 0.22
+    assert (
+        robot.parts["arm"].parameters().lengths()["length"]
+        == robot.parameters["a"]
+        == 0.22
+    )
     drive = robot.joints["leg1.motor"].drive
     assert (drive.stiffness, *drive.range) == pytest.approx(
         (24e3, *np.radians([-60, 80]))
@@ -947,7 +951,7 @@ def test_set_reaches_parts_parameters_joints_bodies_and_copies(read):
         "strut.mass= = 2.0*a",
         "map.x=[0, 0.1]",
     )
-    assert robot.parts["arm"].lengths()["radius"] == 0.02
+    assert robot.parts["arm"].parameters().lengths()["radius"] == 0.02
     assert robot.bodies["leg1.arm"].tip[2] == pytest.approx(-0.11)
     stiffness = [robot.joints[f"leg{i}.motor"].drive.stiffness for i in (1, 2, 3)]
     assert stiffness == [
@@ -1056,7 +1060,7 @@ def test_biglide_has_tables_1_to_4_of_the_paper():
         "K_ac": 1.27e7,
     }
     assert given == pytest.approx(expected)
-    assert robot.parts["link"].lengths() == pytest.approx(
+    assert robot.parts["link"].dimensions() == pytest.approx(
         {
             "length": 0.5,
             "radius": 0.0125,
@@ -1066,7 +1070,8 @@ def test_biglide_has_tables_1_to_4_of_the_paper():
         }
     )
     assert [
-        robot.parts["slider"].lengths()[key] for key in ("depth", "width", "thickness")
+        robot.parts["slider"].parameters().lengths()[key]
+        for key in ("depth", "width", "thickness")
     ] == [0.085, 0.32, 0.02]
     assert (robot.parts["link"].mass, robot.bodies["platform"].mass) == (1.95, 7.93)
     steel = robot.material("link")

@@ -48,7 +48,8 @@ CAPTIONS = {
 
 def write_study(study: Study, folder: Path) -> None:
     """Write the table in every format, and the pictures."""
-    write_table(dict(study.table.items()), folder / TABLE, TABLE_FORMATS)
+    columns = {str(name): each for name, each in study.table.items()}
+    write_table(columns, folder / TABLE, TABLE_FORMATS)
     figures = {"pareto": _front, "progress": _progress, "parallel": _parallel}
     save_figures(folder, {stem: partial(draw, study) for stem, draw in figures.items()})
 

@@ -12,6 +12,8 @@ import numpy as np
 from stiffscope.gap.campaign.copies import find_copies
 from stiffscope.gap.inference.fitting import Problem
 from stiffscope.gap.inference.hypothesis import forms_of, join_values
+from stiffscope.gap.inference.lack_of_fit import lack_of_fit
+from stiffscope.gap.inference.plausibility import implausible
 from stiffscope.gap.inference.residuals import percent_rms
 from stiffscope.gap.inference.search import Search
 from stiffscope.gap.inference.settings import VERDICT
@@ -422,14 +424,32 @@ class Findings:
 def find(model: ForwardModel, progress: Progress | None = None) -> Findings:
     """Search for the effects and nuisance patterns that explain a model's campaign.
 
-    Faults of instruments that show only beside what was found are searched for once more.
+    Faults of instruments that show only beside what was found are searched for once more, and
+    all effects at the equilibria reached where first order leaves a rest of that size.
     """
+    found = _find_with_doubts(model, progress)
+    known = found.fit_effects(found.best.words)
+    if not lack_of_fit(found, known):
+        return found
+    exact = found.model.find_equilibria(found.best.parameters)
+    if exact is None:
+        return found
+    return max(found, _find_with_doubts(exact, progress), key=_weigh)
+
+
+def _find_with_doubts(model: ForwardModel, progress: Progress | None) -> Findings:
     found = _search(model, progress)
     again = model.doubt_again(found.best.parameters)
     if again is None:
         return found
     other = _search(again, progress)
     return max(found, other, key=lambda each: each.best.evidence - each.none.evidence)
+
+
+def _weigh(found: Findings) -> float:
+    """Return the ln evidence of a search's best set, with the volume of its noise."""
+    noise = found.problem.noise
+    return found.best.evidence - float(np.log(noise.sigma[noise.used]).sum())
 
 
 def _search(model: ForwardModel, progress: Progress | None) -> Findings:
@@ -446,11 +466,42 @@ def _rank(
     problem: Problem, scored: list[tuple[Hypothesis, float]], fitted: Fitted
 ) -> Findings:
     """Return hypotheses ranked by their share of all evidence, the best first."""
-    order = sorted(scored, key=lambda item: -item[1])
+    order = sorted(_yield_to_plausible(problem, scored), key=lambda item: -item[1])
     log = np.array([evidence for _, evidence in order])
     weight = np.exp(log - log.max())
     probability = tuple((weight / weight.sum()).tolist())
     return Findings(problem, tuple(h for h, _ in order), probability, fitted)
+
+
+def _yield_to_plausible(
+    problem: Problem, scored: list[tuple[Hypothesis, float]]
+) -> list[tuple[Hypothesis, float]]:
+    """Return evidences, below that of a plausible hypothesis where an implausible one fits alike.
+
+    A mass many times the stated one has fewer parameters than a payload, but is no cause.
+    """
+    top = max(log for _, log in scored)
+    used = problem.noise.used
+    close = [(h, log) for h, log in scored if log > top - NEAR]
+    chi2 = {id(h): float(np.sum(h.residual[used] ** 2)) for h, _ in close}
+    strange = {
+        id(h)
+        for h, _ in close
+        if any(implausible(c, h) for c in h.words if not c.flexible)
+    }
+    out: list[tuple[Hypothesis, float]] = []
+    for h, log in scored:
+        if id(h) in strange:
+            least = chi2[id(h)] + VERDICT.alike
+            fits = [
+                other
+                for plain, other in close
+                if id(plain) not in strange and plain.words and chi2[id(plain)] <= least
+            ]
+            limit = max(fits, default=np.inf) + np.log(COMPETING)
+            log = min(log, float(limit))  # noqa: PLW2901
+        out.append((h, log))
+    return out
 
 
 def _without_copies(c: Campaign, noise: Noise) -> Noise:

@@ -124,13 +124,16 @@ def run_blind(
 def _check(robots: Sequence[BlindRobot], seed: int) -> str:
     """Return the text that identifies a check."""
     texts = {robot.name: robot.nominal.robot.source for robot in robots}
-    check = {
+    check: dict[str, Any] = {
         "seed": seed,
         "robots": {
             name: [source.text, *source.overrides] for name, source in texts.items()
         },
         "components": {robot.name: robot.components for robot in robots},
     }
+    others = [robot.mechanics for robot in robots if robot.mechanics != "own"]
+    if others:
+        check["machine"] = others[0]
     return _text(check)
 
 

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from stiffscope.lab.machine import Machine
+    from stiffscope.lab.measuring import Mechanics
     from stiffscope.lab.rotations import Array
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.runtime.types import Flags
@@ -59,11 +60,13 @@ class BlindRobot:
     nominal : the nominal model used for diagnosis, and its file.
     parts : matrix and mass of every part used, as `PartMatrix`.
     components : source of these matrices, as named in a campaign's header.
+    mechanics : laboratory that measures: our own, or EXUDYN's.
     """
 
     nominal: NominalRobot
     parts: Mapping[str, Any]
     components: str
+    mechanics: Mechanics = "own"
 
     @property
     def name(self) -> str:
@@ -79,7 +82,10 @@ class BlindRobot:
 
 
 def blind_robots(
-    robots: Sequence[RobotFile], components: str | None, shop: Workshop
+    robots: Sequence[RobotFile],
+    components: str | None,
+    shop: Workshop,
+    mechanics: Mechanics = "own",
 ) -> list[BlindRobot]:
     """Return the robots with their parts' matrices; raise InputError for one whose home is singular.
 
@@ -92,6 +98,8 @@ def blind_robots(
         matrix, else beam theory, neither of which needs a virtual experiment.
     shop
         Workshop that runs experiments if needed.
+    mechanics
+        Laboratory that measures.
     """
     out: list[BlindRobot] = []
     for robot in robots:
@@ -105,9 +113,8 @@ def blind_robots(
         )
         source = components or ("published" if published else "beam")
         made = assemble_robots({robot.name: robot}, source, shop)[robot.name]
-        out.append(
-            BlindRobot(NominalRobot(made.mechanism, robot), made.matrices, source)
-        )
+        nominal = NominalRobot(made.mechanism, robot)
+        out.append(BlindRobot(nominal, made.matrices, source, mechanics))
     return out
 
 

@@ -24,14 +24,14 @@ from stiffscope.experiments.superelements import write_part
 from stiffscope.parts import show as interface_figure
 from stiffscope.parts.interfaces import (
     compare_interfaces,
-    interfaces_csv,
+    interfaces_columns,
     interfaces_json,
 )
 from stiffscope.report import part_tables, tables
 from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.part_matrices import used_parts
 from stiffscope.robot.reader import load_robot
-from stiffscope.runtime.output import write_bytes
+from stiffscope.runtime.formats import write_table
 from stiffscope.statics.comparison import compare_robots
 from stiffscope.statics.show import comparison as robot_comparison
 
@@ -203,7 +203,7 @@ def interfaces(
             log.warning("%s, %s: %s", part, how, result.note)
 
     def fill(folder: Path) -> None:
-        write_bytes(folder / "interfaces.csv", interfaces_csv(compared).encode())
+        write_table(interfaces_columns(compared), folder / "interfaces", digits=9)
         interface_figure.draw(compared, folder / "interfaces.png")
 
     show = interface_figure.show_interfaces

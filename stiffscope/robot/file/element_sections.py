@@ -5,7 +5,7 @@ Each kind is defined by its rolling elements, or by the stiffnesses in its data 
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Union, get_args
 
 import numpy as np
 from pydantic import BeforeValidator, Discriminator, Tag, model_validator
@@ -323,9 +323,10 @@ class BallScrew(ElementSection):
         )
 
 
+_MODELS = (BallBearing, RollerBearing, LinearGuide, BallScrew)
 ELEMENTS: dict[str, type[ElementSection]] = {
     kind: model
-    for model in (BallBearing, RollerBearing, LinearGuide, BallScrew)
+    for model in _MODELS
     for kind in get_args(model.model_fields["kind"].annotation)
 }
 
@@ -345,13 +346,13 @@ def _some(value: Any) -> Any:
     return tuple(several)
 
 
-_Ball = Annotated[BallBearing, Tag("tagged-BallBearing")]
-_Roller = Annotated[RollerBearing, Tag("tagged-RollerBearing")]
-_Guide = Annotated[LinearGuide, Tag("tagged-LinearGuide")]
-_Screw = Annotated[BallScrew, Tag("tagged-BallScrew")]
 _EXAMPLE = 'a table such as { kind = "deep-groove", … }'
 _KIND = Discriminator(lambda value: f"tagged-{ELEMENTS[dict(value)['kind']].__name__}")
-AnyElement = Annotated[_Ball | _Roller | _Guide | _Screw, _KIND]
+if TYPE_CHECKING:
+    AnyElement = ElementSection
+else:
+    _tagged = (Annotated[each, Tag(f"tagged-{each.__name__}")] for each in _MODELS)
+    AnyElement = Annotated[Union[tuple(_tagged)], _KIND]  # noqa: UP007 (of a list)
 Elements = Annotated[tuple[AnyElement, ...], BeforeValidator(_some), Says(_EXAMPLE)]
 
 

@@ -187,14 +187,6 @@ class ParametricPart(SolidPart):
             for field in dataclasses.fields(self.made)
         }
 
-    def lengths(self) -> dict[str, float]:
-        """Return the lengths among the parameters, m."""
-        return {
-            key: size
-            for key, size in self.dimensions().items()
-            if isinstance(size, float)
-        }
-
     def parameters(self) -> SolidParameters:
         """Return the shape for cad; its InputError names the parameter: "link.bore: …"."""
         return self.made(**self.dimensions())

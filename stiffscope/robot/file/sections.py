@@ -238,7 +238,7 @@ def _read_joint_type(made: JointType) -> type[JointSection]:
         drive = RotaryDrive if made.turns else LinearDrive
         keys["drive"] = (drive | None, None)
     if made.is_uniform:
-        spring = v.Torsion if made.turns else v.Stiffness
+        spring: Any = v.Torsion if made.turns else v.Stiffness
         keys["spring"] = (spring | None, None)
     if made.is_uniform and made.driven is not None:
         keys["rest"] = (v.Angle if made.turns else v.Coordinate, 0.0)
@@ -272,7 +272,7 @@ class Copies(Section):
 
 
 class ToolSection(Section):
-    """The tool point M on its body, and the coordinates that define a pose."""
+    """The tool point M on its body, and the coordinates that define a pose; none if nothing moves."""
 
     body: Name
     at: v.Point
@@ -284,10 +284,9 @@ class ToolSection(Section):
     @field_validator("pose")
     @classmethod
     def _check_distinct(cls, value: tuple[str, ...]) -> tuple[str, ...]:
-        if not value or len(set(value)) != len(value):
-            got = " ".join(value) or "none"
+        if len(set(value)) != len(value):
             raise ValueError(
-                f"expected each of {' '.join(AXES)} at most once, got {got}"
+                f"expected each of {' '.join(AXES)} at most once, got {' '.join(value)}"
             )
         return value
 

@@ -1,0 +1,71 @@
+"""A second laboratory: EXUDYN's machine reads as ours does, but for finite displacements."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stiffscope.lab.blind.cases import BlindCase
+from stiffscope.lab.blind.check import Task, solve
+from stiffscope.lab.blind.drawing import prepare_case
+from stiffscope.lab.blind.laboratory import Lab, blind_robots
+from stiffscope.lab.faults import inject
+from stiffscope.lab.measuring import true_readings
+from stiffscope.robot.reader import load_robot
+from stiffscope.runtime.workshop import workshop
+
+pytest.importorskip("exudyn")
+
+POSES = 2
+CASES = {
+    "sound": None,
+    "soft drive": ("actuator-stiffness", "limb2.actuator", {"factor": 0.3}),
+    "bearing": (
+        "joint-compliance",
+        "limb1.link1.joint_a",
+        {"radial": 3e-9, "axial": 2e-9, "tilting": 8e-8},
+    ),
+    "link": ("link-stiffness", "limb1.slider", {"factor": 0.4}),
+    "base": ("base-compliance", "base", {"x": 1e-8, "rz": 1e-7}),
+    "tool": ("platform-compliance", "tool", {"z": 1e-8, "rx": 1e-7}),
+    "mass": ("mass", "platform", {"factor": 1.4}),
+    "payload": ("payload", "platform", {"mass": 4.0, "x": 0.05, "y": 0.0, "z": 0.02}),
+    "encoder": ("encoder-offset", "limb1.actuator", {"offset": 5e-5}),
+    "length": ("link-length", "limb1.link1", {"error": 3e-5}),
+    "backlash": ("backlash", "limb1.actuator", {"half_width": 8e-6}),
+    "friction": ("friction", "limb2.actuator", {"force": 40.0}),
+    "hardening": ("hardening-drive", "limb2.actuator", {"cubic": 5e15}),
+    "play": ("joint-play", "limb1.link1.joint_a", {"radial": 4e-6}),
+    "bolt": ("loose-bolt", "limb1.link1.joint_a", {"opening": 1e-8}),
+}
+
+
+@pytest.fixture(scope="module")
+def lab():
+    with workshop() as shop:
+        return Lab(blind_robots([load_robot("biglide")], None, shop)[0], poses=24)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_exudyn_s_machine_reads_as_ours_but_for_finite_displacements(lab, name):
+    machine, plan, located, _ = prepare_case(BlindCase("none", 1), 0, lab)
+    plan = replace(plan, poses=plan.poses[:POSES])
+    located = located.some(range(POSES))
+    if CASES[name] is not None:
+        machine = inject(machine, *CASES[name])
+    own = true_readings(machine, plan, located)
+    other = true_readings(machine, plan, located, mechanics="exudyn")
+    for turns in (0, 1):
+        some = own.turns == turns
+        size = np.abs(own.value[some]).max()
+        # a few hundred micrometres of deflection turn the machine by 1e-3
+        assert np.abs(own.value - other.value)[some].max() < 1e-2 * size
+
+
+def test_a_sound_machine_of_exudyn_has_no_gap(lab):
+    robot = replace(lab.robot, mechanics="exudyn")
+    files = solve(robot, Task(robot.name, 7, 3))  # the eighth of ten is sound
+    (outcome,) = json.loads(files["outcome.json"])
+    assert outcome["kind"] == "none"
+    assert outcome["verdict"] == "no-gap"

@@ -1,0 +1,283 @@
+"""Stability of a job's cut: the robot's response, holders, causes, files and refusals."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from stiffscope.cli.main import cli
+from stiffscope.design.studies import study
+from stiffscope.errors import InputError
+from stiffscope.experiments.assembly import assemble_robots
+from stiffscope.live.page import Setting, answer
+from stiffscope.lobes.chatter import (
+    critical_along,
+    cutting_of,
+    find_lobes,
+    respond,
+    speed_range,
+    stretch_of,
+)
+from stiffscope.lobes.engagement import one_direction
+from stiffscope.lobes.levers import find_levers
+from stiffscope.lobes.response import couple_holder
+from stiffscope.lobes.zero_order import find_critical
+from stiffscope.path.cutting import mill
+from stiffscope.path.job import load_job
+from stiffscope.robot.parameters import parameters
+from stiffscope.runtime.workshop import workshop
+from stiffscope.vjm.kinematics.configurations import configure
+from stiffscope.vjm.statics.analysis import compliance
+from stiffscope.vjm.vibration.frequency_response import Port, frequency_response
+from tests.lobes.machines import spring_mass
+
+MILLING = {
+    "kt": '"700 N/mm^2"',
+    "kr": "0.3",
+    "diameter": '"10 mm"',
+    "teeth": "4",
+    "speed": '"12000 rpm"',
+    "depth": '"0.5 mm"',
+    "width": '"10 mm"',
+}
+LOBES = {"damping": "0.03", "points": "40", "speeds": '["6000 rpm", "18000 rpm"]'}
+PLACES = ("0.56,0.10", "0.58,0.10", "0.58,0.12")
+PATH = "x,y,z,rx,ry,rz,feed\n" + "".join(f"{at},0.15,0,0,0,0.01\n" for at in PLACES)
+
+
+def _write(folder, milling=None, lobes=None, robot="serial-arm", path=PATH):
+    """Write a job with keys changed, or left out where they are None; return its file."""
+    lines = [f'robot = "{robot}"', 'components = "beam"', 'path = "path.csv"']
+    sections = {
+        "process.milling": MILLING | (milling or {}),
+        "lobes": LOBES | (lobes or {}),
+    }
+    for name, keys in sections.items():
+        lines.append(f"[{name}]")
+        lines += [f"{key} = {text}" for key, text in keys.items() if text is not None]
+    (folder / "path.csv").write_text(path)
+    file = folder / "job.toml"
+    file.write_text("\n".join(lines) + "\n")
+    return file
+
+
+def _load(file):
+    job = load_job(file)
+    with workshop() as shop:
+        robots = {"robot": job.robot}
+        return job, assemble_robots(robots, job.section.components, shop)["robot"]
+
+
+@pytest.fixture
+def arm(tmp_path):
+    return _load(_write(tmp_path))
+
+
+def test_the_response_is_the_robots_own(arm):
+    job, made = arm
+    stretch = stretch_of(job, made)
+    response, _ = respond(job, made, stretch.found, stretch.axes)
+    hertz = np.array([5.0, 21.0, 40.0, 160.0])
+    omega = np.tile(2.0 * np.pi * hertz, (len(stretch.points), 1))
+    found = response.receptance(omega)
+    for k in range(len(stretch.points)):
+        ports = [
+            Port(None, stretch.tool[k, :3], np.concatenate([axis, np.zeros(3)]))
+            for axis in stretch.axes[k]
+        ]
+        one = stretch.found[np.array([k])]
+        # of the pose: home coordinates of M
+        ports = [
+            Port(None, np.array(made.mechanism.tool.at), port.direction)
+            for port in ports
+        ]
+        for i, target in enumerate(ports):
+            for j, source in enumerate(ports):
+                full = frequency_response(
+                    made.mechanism, one, source, target, hertz, damping=0.03
+                )
+                scale = np.abs(found[k]).max()
+                assert found[k, :, i, j] == pytest.approx(full, abs=2e-3 * scale)
+    still = response.receptance(np.full((len(stretch.points), 1), 1e-3))[:, 0]
+    soft = stretch.axes @ compliance(made.mechanism, stretch.found)[:, :3, :3]
+    soft = soft @ stretch.axes.mT
+    assert still.real == pytest.approx(soft, abs=1e-5 * soft.max())
+
+
+def test_a_stiff_holder_changes_nothing_and_a_heavy_one_couples_exactly():
+    robot = spring_mass(1e7, 100.0, 0.03)
+    stiff = couple_holder(
+        robot,
+        np.array([(6e7 * np.pi) ** 2]),
+        np.array([0.01]),
+        np.array([[1e12, np.inf, np.inf]]),
+    )
+    omega = np.array([[600.0, 628.0, 700.0]])
+    assert stiff.receptance(omega)[0, :, 0, 0] == pytest.approx(
+        robot.receptance(omega)[0, :, 0, 0], rel=1e-4
+    )
+    # two springs and masses in a row, without damping: G at the tip in closed form
+    free = spring_mass(1e7, 100.0, 1e-9)
+    stiffness = 4e6
+    rate = 2.0 * np.pi * 150.0
+    both = couple_holder(
+        free,
+        np.array([rate**2]),
+        np.array([1e-9]),
+        np.array([[stiffness, np.inf, np.inf]]),
+    )
+    at = np.array([[300.0, 800.0, 1500.0]])
+    own = free.receptance(at)[0, :, 0, 0]
+    mass = stiffness / rate**2
+    closed = (1.0 + own * stiffness) / (
+        stiffness - at[0] ** 2 * mass * (1.0 + own * stiffness)
+    )
+    assert both.receptance(at)[0, :, 0, 0] == pytest.approx(closed, rel=1e-6)
+
+
+def test_the_force_of_a_material_is_linearized_at_the_chip_of_the_process(tmp_path):
+    given = {"kt": None, "kr": None, "width": '"3 mm"', "material": '"C45E"'}
+    job = load_job(_write(tmp_path, given))
+    found = cutting_of(job)
+    cut = {"diameter": 0.01, "teeth": 4, "speed": 200.0, "depth": 5e-4, "width": 3e-3}
+    power = [
+        mill(2.22e9, 0.14, feed=0.01 * share, **cut).power for share in (0.999, 1.001)
+    ]
+    # power over feed, depth and width is force over area; its derivative by the feed
+    slope = (power[1] - power[0]) / (0.002 * 0.01 * 5e-4 * 3e-3)
+    assert found.cut.stiffness == pytest.approx(slope, rel=1e-5)
+
+
+def test_levers_are_derivatives_of_the_limit(arm):
+    job, made = arm
+    stretch = stretch_of(job, made)
+    cutting = cutting_of(job)
+    speeds = speed_range(job, cutting)
+    one = np.array([0])
+
+    def limit(assembled):
+        found = configure(assembled.mechanism, stretch.found[one].poses)
+        response, _ = respond(job, assembled, found, stretch.axes[one])
+        return found, response, find_critical(response, cutting.cut, speeds)
+
+    found, response, critical = limit(made)
+    levers = find_levers(
+        made.mechanism,
+        found,
+        response,
+        cut=cutting.cut,
+        axes=stretch.axes[0],
+        critical=critical,
+    )
+    by_name = {lever.element: lever.per_cent for lever in levers}
+    for parameter in parameters(job.robot, "beam"):
+        joint, _, key = parameter.name.partition(".")
+        if key != "drive.stiffness":
+            continue
+        depths = []
+        for share in (1.001, 0.999):
+            robot = parameter.set_to(job.robot, share * parameter.value)
+            with workshop() as shop:
+                changed = assemble_robots({"robot": robot}, "beam", shop)["robot"]
+            depths.append(limit(changed)[2].depth[0])
+        change = (depths[0] - depths[1]) / 0.002 / critical.depth[0]
+        assert by_name[joint] == pytest.approx(change, abs=0.02)
+
+
+def test_study_and_path_have_the_same_critical_depth(tmp_path, arm):
+    job, made = arm
+    depth = critical_along(job, made)
+    assert len(depth) == len(job.path)
+    (tmp_path / "study.toml").write_text(
+        'robot = "serial-arm"\ncomponents = "beam"\nmethod = "grid"\n'
+        'parameters = { "joints.J1.drive.stiffness" = { values = ["25 kN*m/rad"] } }\n'
+        'responses = { depth = { of = "critical_depth", path = "job.toml" } }\n'
+    )
+    table = study(tmp_path / "study.toml").table
+    assert float(table["depth [m]"].iloc[0]) == pytest.approx(depth.min(), rel=1e-9)
+
+
+def test_live_shows_the_stable_depth(arm):
+    job, made = arm
+    pose = tuple(made.mechanism.tool.home)
+    asked = Setting({}, pose, (0.0,) * 6)
+    assert "Stable depth of cut" not in str(answer(made, asked)["tables"])
+    assert "Stable depth of cut" in str(answer(made, asked, job)["tables"])
+
+
+def test_the_command_writes_lobes_at_poses_and_along_the_path(tmp_path):
+    file = _write(tmp_path)
+    out = tmp_path / "out"
+    cli(
+        ["lobes", str(file), "--at", "home", "--out", str(out), "--quiet"],
+        standalone_mode=False,
+    )
+    found = json.loads((out / "lobes.json").read_text())
+    assert found["names"] == ["home"]
+    assert np.shape(found["depth"]) == np.shape(found["error"]) == (1, 40)
+    assert found["speed"][0] == pytest.approx(6000.0)
+    assert sum(found["cause"].values()) == pytest.approx(1.0, abs=1e-6)
+    assert found["critical_depth"][0] <= min(found["depth"][0]) * 1.001
+    for name in ("lobes.png", "margin.png", "path.csv", "lobes.csv", "report.html"):
+        assert (out / name).stat().st_size > 500
+
+
+def test_measured_damping_is_that_of_the_nearest_mode(tmp_path):
+    (tmp_path / "modes.csv").write_text("frequency,zeta\n20,0.05\n200,0.01\n")
+    file = _write(tmp_path, lobes={"damping": '"measured"', "measured": '"modes.csv"'})
+    job, made = _load(file)
+    stretch = stretch_of(job, made)
+    response, shaken = respond(job, made, stretch.found, stretch.axes)
+    near = np.where(shaken.frequencies < np.sqrt(20.0 * 200.0), 0.05, 0.01)
+    assert response.damping == pytest.approx(near)
+
+
+@pytest.mark.parametrize(
+    ("milling", "lobes", "said"),
+    [
+        ({}, {"damping": None}, "job.toml:12: lobes.damping: expected a ratio"),
+        ({}, {"damping": "0"}, "lobes.damping: expected a damping ratio"),
+        ({}, {"damping": '"measured"'}, "expected a table of measured modes"),
+        ({"teeth": "0"}, {}, "teeth: expected 1 to 1000"),
+        ({"width": '"11 mm"'}, {}, "width: expected at most the diameter"),
+        ({"material": '"C45E"'}, {}, "kt: expected kt or material, got both"),
+        ({"radial": "0.2"}, {}, "kr: expected kr or radial, got both"),
+        ({}, {"speeds": '["9000 rpm", "900 rpm"]'}, "speeds: expected a lower and"),
+        ({}, {"damp": "0.1"}, "expected a known key (damping, "),
+    ],
+)
+def test_bad_input_is_one_line(tmp_path, milling, lobes, said):
+    with pytest.raises(InputError) as caught:
+        find_lobes(*_load(_write(tmp_path, milling, lobes)))
+    assert said in str(caught.value)
+    assert "\n" not in str(caught.value)
+    assert "job.toml" in str(caught.value)
+
+
+def test_a_job_without_the_section_or_the_milling_is_refused(tmp_path):
+    file = Path(_write(tmp_path))
+    text = file.read_text()
+    for cut_off, said in (
+        ("[lobes]", "lobes: expected a section"),
+        ("[process", "expected [process.milling]"),
+    ):
+        kept, _, rest = text.partition(cut_off)
+        if cut_off != "[lobes]":
+            kept += "[lobes]" + rest.partition("[lobes]")[2]
+        file.write_text(kept)
+        with pytest.raises(InputError, match=said.replace("[", r"\[")):
+            find_lobes(*_load(file))
+
+
+def test_one_direction_of_an_inclined_edge_is_the_projected_response():
+    # turning: chip along n, force along c: b = 1 / (2 K max Re(-nᵀ G c))
+    response = spring_mass(2e7, 250.0, 0.02)
+    normal = (np.cos(0.5), np.sin(0.5), 0.0)
+    force = (-np.cos(0.9), -np.sin(0.9), 0.3)
+    found = find_critical(response, one_direction(1.5e9, normal, force))
+    turned = np.cos(0.5) * np.cos(0.9)
+    expected = 4e7 * 0.02 * 1.02 / (1.5e9 * turned)
+    assert found.depth[0] == pytest.approx(expected, rel=1e-9)

@@ -1,0 +1,229 @@
+"""Stability of cuts: closed forms, published multipliers, simulations in the time domain."""
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from stiffscope.lobes.bands import critical_error, depth_band, draw_responses
+from stiffscope.lobes.engagement import milling, one_direction
+from stiffscope.lobes.floquet import circle, interrupted_depth, is_stable
+from stiffscope.lobes.zero_order import find_critical, zero_order_depth
+from tests.lobes.machines import flexible, machine, spring_mass
+from tests.lobes.simulation import grows
+
+KT = 1e9
+PUSHED = one_direction(KT, (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
+
+
+@pytest.mark.parametrize("damping", [0.001, 0.03, 0.2])
+def test_one_degree_of_freedom_has_the_closed_limit(damping):
+    # min Re G = -1 / (4 k ζ (1 + ζ)): S. A. Tobias, Machine-Tool Vibration, Blackie 1965
+    found = find_critical(spring_mass(1e7, 300.0, damping), PUSHED)
+    assert found.depth[0] == pytest.approx(2e7 * damping * (1 + damping) / KT, rel=1e-9)
+    assert found.omega[0] == pytest.approx(
+        600.0 * np.pi * np.sqrt(1.0 + 2.0 * damping), rel=1e-5
+    )
+
+
+def test_one_degree_of_freedom_has_the_closed_lobes():
+    rate = 600.0 * np.pi
+    damping = 0.03
+    speeds = np.linspace(1000.0, 30000.0, 60) / 60.0
+    found = zero_order_depth(spring_mass(1e7, 300.0, damping), PUSHED, speeds)[0]
+
+    def receptance(omega):
+        return 1e-7 / (1.0 - (omega / rate) ** 2 + 2j * damping * omega / rate)
+
+    for speed, depth in zip(speeds, found, strict=True):
+        limits = []
+        for lobe in range(40):
+
+            def miss(omega, speed=speed, lobe=lobe):
+                turn = 2.0 * np.angle(-receptance(omega)) + np.pi
+                return omega / speed - turn - 2.0 * np.pi * lobe
+
+            ends = rate * (1.0 + 1e-9), 20.0 * rate
+            if miss(ends[0]) < 0.0 < miss(ends[1]):
+                omega = brentq(miss, *ends, xtol=1e-9)
+                limits.append(-0.5 / (KT * receptance(omega).real))
+        assert depth == pytest.approx(min(limits), rel=2e-3)
+
+
+@pytest.mark.parametrize("ends", [(60.0, 260.0), (150.0, 156.0), (400.0, 900.0)])
+def test_the_least_lobe_is_the_limit_at_all_speeds(ends):
+    rng = np.random.default_rng(5)
+    cut = milling(teeth=4, width=10e-3, diameter=10e-3, stiffness=7e8)
+    for _ in range(5):
+        response = flexible(rng)
+        lobes = zero_order_depth(response, cut, np.linspace(*ends, 3000))[0]
+        found = find_critical(response, cut, ends)
+        assert found.depth[0] == pytest.approx(lobes.min(), rel=2e-3)
+        assert found.depth[0] <= lobes.min() * (1.0 + 1e-6)
+
+
+def test_a_slot_by_four_teeth_has_constant_coefficients():
+    slot = {"width": 1.0, "diameter": 1.0, "stiffness": 7e8}
+    assert milling(teeth=4, **slot).ripple < 1e-12
+    assert milling(teeth=2, **slot).interrupted
+
+
+def test_all_harmonics_of_constant_coefficients_are_the_zero_order_solution():
+    cut = milling(teeth=4, width=10e-3, diameter=10e-3, stiffness=7e8)
+    response = flexible(np.random.default_rng(8))
+    speeds = np.linspace(60.0, 260.0, 12)
+    scale = find_critical(response, cut).depth
+    found = interrupted_depth(response, cut, speeds, scale)
+    assert found == pytest.approx(zero_order_depth(response, cut, speeds), rel=3e-3)
+
+
+@pytest.mark.parametrize(
+    ("depth", "size"), [(0.2e-3, 0.8192), (0.5e-3, 1.0726), (1e-3, 1.4039)]
+)
+def test_multipliers_of_a_slot_are_as_published(depth, size):
+    # Y. Ding, L. Zhu, X. Zhang, H. Ding, A full-discretization method for prediction of milling
+    # stability, Int. J. Mach. Tools Manuf. 50, 2010: one mode of 922 Hz, 1.1 %, 0.03993 kg; two
+    # teeth, 6e8 and 2e8 N/m², 5000 rpm, moduli of the largest multiplier
+    response = machine([922.0], 0.011, [[0.03993**-0.5], [0.0], [0.0]])
+    cut = milling(teeth=2, width=1.0, diameter=1.0, stiffness=6e8, radial=1.0 / 3.0)
+    loop = circle(response, cut, 5000.0 / 60.0).loop
+    ring = np.linspace(0.0, np.pi, 400)
+
+    def outside(modulus):
+        # multipliers outside a circle: winding of the determinant along it
+        values = loop.eigenvalues(ring - 1j * np.log(modulus))
+        whole = (1.0 - depth * values).prod(axis=1)
+        return round(-np.angle(whole[1:] / whole[:-1]).sum() / np.pi)
+
+    assert outside(0.99 * size) > outside(1.01 * size) == 0
+
+
+def _points(rng, response, cut, count):
+    """Return random cuts further than 5 % from the boundary, and whether they are stable."""
+    least = float(find_critical(response, cut).depth[0])
+    points = []
+    while len(points) < count:
+        speed = rng.uniform(30.0, 250.0)
+        depth = least * rng.uniform(0.5, 4.0)
+        beside = [depth * share for share in (0.95, 0.975, 1.0, 1.025, 1.05)]
+        if cut.interrupted:
+            stable = {is_stable(response, cut, speed, each) for each in beside}
+        else:
+            limit = zero_order_depth(response, cut, np.array([speed]))[0, 0]
+            stable = {bool(each < limit) for each in beside}
+        if len(stable) == 1:
+            points.append((speed, depth, stable.pop()))
+    return points
+
+
+@pytest.mark.parametrize(
+    ("teeth", "width", "climb"),
+    [(4, 10e-3, True), (3, 7e-3, True), (2, 0.5e-3, False), (2, 0.5e-3, True)],
+)
+def test_simulations_in_the_time_domain_agree(teeth, width, climb):
+    rng = np.random.default_rng(teeth + int(1e5 * width))
+    cut = milling(
+        teeth=teeth,
+        width=width,
+        diameter=10e-3,
+        stiffness=7e8,
+        radial=0.3,
+        climb=climb,
+    )
+    agreed = 0
+    told = []
+    for _ in range(5):
+        response = flexible(rng)
+        points = _points(rng, response, cut, 20)
+        speed, depth, stable = (np.array(each) for each in zip(*points, strict=True))
+        full = np.ones(len(points))
+        swept = np.arccos(1.0 - 2.0 * width / 10e-3)
+        cuts = {
+            "teeth": full * teeth,
+            "start": full * (np.pi - swept if climb else 0.0),
+            "end": full * (np.pi if climb else swept),
+            "kt": full * 7e8,
+            "kr": full * 0.3,
+            "speed": speed,
+            "depth": depth,
+        }
+        grown = grows(
+            response.rates[0], response.damping[0], response.shapes[0, :2], cuts
+        )
+        agreed += int((grown != stable).sum())
+        told += list(stable)
+    assert agreed >= 98
+    assert 20 <= sum(told) <= 80
+
+
+def test_modes_across_each_other_chatter_without_waves():
+    # two equal modes at 45° and 0.1 of frequency apart couple by the tangential force
+    across = np.sqrt(0.5) * np.array([[1.0, 1.0], [1.0, -1.0], [0.0, 0.0]])
+    response = machine([20.0, 22.0], 0.03, across * 0.3)
+    cut = milling(teeth=4, width=10e-3, diameter=10e-3, stiffness=7e8)
+    found = find_critical(response, cut)
+    depth = found.coupling[0]
+    assert np.isfinite(depth)
+    loop = response.shapes[0].T @ cut.mean @ response.shapes[0]
+    rates = response.rates[0]
+
+    def fastest(depth):
+        system = np.zeros((4, 4))
+        system[:2, 2:] = np.eye(2)
+        system[2:, :2] = -np.diag(rates**2) + depth * loop
+        system[2:, 2:] = -np.diag(2.0 * 0.03 * rates)
+        return np.linalg.eigvals(system).real.max()
+
+    assert fastest(0.97 * depth) < 0.0 < fastest(1.03 * depth)
+
+
+def test_bands_hold_95_per_cent_of_planted_machines():
+    rng = np.random.default_rng(12)
+    cut = milling(teeth=4, width=10e-3, diameter=10e-3, stiffness=7e8)
+    inside = 0
+    for _ in range(500):
+        stated = flexible(rng)
+        doubt = rng.uniform(0.05, 0.5, stated.damping.shape)
+        shift = rng.uniform(0.005, 0.05, stated.damping.shape)
+        stated = machine(
+            stated.rates[0] / (2.0 * np.pi),
+            stated.damping,
+            stated.shapes[0],
+            frequency_error=shift,
+            damping_error=doubt,
+        )
+        force = rng.uniform(0.0, 0.2)
+        damping = stated.damping * np.exp(
+            rng.normal(size=doubt.shape) * np.log1p(doubt) / 1.96
+        )
+        rates = stated.rates * np.exp(
+            rng.normal(size=shift.shape) * np.log1p(shift) / 1.96
+        )
+        truth = machine(rates[0] / (2.0 * np.pi), damping, stated.shapes[0])
+        stiffer = np.exp(rng.normal() * np.log1p(force) / 1.96)
+        depth = find_critical(truth, cut).depth / stiffer
+        found = find_critical(stated, cut)
+        width = critical_error(stated, cut, found, force)
+        inside += int(abs(np.log(depth / found.depth))[0] < width[0])
+    assert 0.93 <= inside / 500 <= 0.97
+
+
+def test_bands_of_lobes_hold_95_per_cent_of_machines():
+    rng = np.random.default_rng(4)
+    cut = milling(teeth=4, width=10e-3, diameter=10e-3, stiffness=7e8)
+    speeds = np.linspace(60.0, 240.0, 23)
+    inside = []
+    for _ in range(4):
+        plain = flexible(rng)
+        stated = machine(
+            plain.rates[0] / (2.0 * np.pi),
+            plain.damping,
+            plain.shapes[0],
+            frequency_error=0.02,
+            damping_error=0.3,
+        )
+        low, high = depth_band(stated, cut, speeds, 0.1)
+        truth = draw_responses(stated, 200, seed=int(rng.integers(1 << 30)))
+        force = np.exp(rng.normal(size=200) * np.log1p(0.1) / 1.96)
+        depth = zero_order_depth(truth, cut, speeds) / force[:, None]
+        inside.append((depth >= low) & (depth <= high))
+    assert 0.93 <= np.mean(inside) <= 0.97
