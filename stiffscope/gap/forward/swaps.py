@@ -59,7 +59,7 @@ def find_swaps(prediction: RobotPrediction) -> tuple[tuple[str, str], ...]:
     c = prediction.campaign
     kinds = c.kind_numbers
     size = np.sqrt(np.bincount(kinds, c.value**2) / np.bincount(kinds))
-    weight = 1.0 / np.maximum(size[kinds], 1e-300)
+    weight = 1.0 / np.where(size > 0.0, size, np.inf)[kinds]
     largest = float(np.abs(prediction.values).max(initial=0.0))
     out: list[tuple[float, tuple[str, str]]] = []
     for pair in _list_pairs(c):
