@@ -62,7 +62,9 @@ def count_moved(kind: str) -> int:
     return _MOVED.get(kind, 0)
 
 
-def close_loop(kind: str, local: Array | None, rigid: float, share: float) -> Array:
+def close_loop(
+    kind: str, local: Array | None, rigid: float | Array, share: float
+) -> Array:
     """Return the stiffness (6,) of a closure along and about a joint's axes.
 
     Parameters

@@ -73,9 +73,10 @@ def _statistic(assembled: Assembled) -> ET.Element:
 
 def _owner(writer: Writer, assembled: Assembled, nodes: tuple[str, ...]) -> str:
     """Return the name of the place in the model with which a solid moves."""
+    first = nodes[0]
     if len(nodes) > 1:
-        return assembled.mechanism.carrier(nodes[0])
-    return nodes[0] if nodes[0] in writer.places else GROUND
+        return assembled.mechanism.carrier(first)
+    return first if first in writer.places else GROUND
 
 
 def _is_solid(points: Array, faces: Array) -> bool:
