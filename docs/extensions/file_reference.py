@@ -26,6 +26,7 @@ from stiffscope.gap.campaign.campaign_header import (
 )
 from stiffscope.gap.campaign.kinds import KINDS
 from stiffscope.gap.campaign.quantities import names_of
+from stiffscope.gap.campaign.response_header import POINT_KEYS, RESPONSE_KEYS
 from stiffscope.gap.effects.vocabulary import EFFECTS
 from stiffscope.notebook.objects import HEIGHT, as_html
 from stiffscope.registry import load, slices
@@ -82,9 +83,16 @@ class CampaignKeys(Directive):
             {row.key.split()[0] for row in rows} for _, rows in (*sections, quantities)
         ]
         firsts = [names_of(kind)[0] for kind in KINDS if names_of(kind)]
-        if described != [
-            set(each) for each in (KEYS, FRAME_KEYS, SENSOR_KEYS, LOAD_KEYS, firsts)
-        ]:
+        known = (
+            KEYS,
+            FRAME_KEYS,
+            SENSOR_KEYS,
+            LOAD_KEYS,
+            RESPONSE_KEYS,
+            POINT_KEYS,
+            firsts,
+        )
+        if described != [set(each) for each in known]:
             raise self.error("the keys of campaign.toml differ from those described")
         lines: list[str] = []
         for title, rows in sections:

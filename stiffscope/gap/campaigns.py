@@ -20,6 +20,7 @@ from stiffscope.gap.campaign.extremes import (
     inspect_extremes,
     inspect_mechanics,
 )
+from stiffscope.gap.campaign.measured_responses import load_responses
 from stiffscope.gap.campaign.readings import load_campaign, match_robot
 from stiffscope.gap.campaign.sanity import (
     ReadingRemark,
@@ -28,6 +29,10 @@ from stiffscope.gap.campaign.sanity import (
 )
 from stiffscope.gap.diagnose import diagnose_campaign
 from stiffscope.gap.forward.misread_frames import find_misread
+from stiffscope.gap.forward.response_model import (
+    ComparedResponses,
+    predict_responses,
+)
 from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.robot.file.quantities import show_value
@@ -35,7 +40,6 @@ from stiffscope.robot.library import find_robot, robot_names
 from stiffscope.robot.mechanism_of import mechanism_of, rigid_mechanism
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import (
-    PartMatrix,
     needed_experiments,
     part_matrices,
     part_sources,
@@ -51,6 +55,7 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.runtime.workshop import Workshop
     from stiffscope.vjm.kinematics.configurations import Configurations
+    from stiffscope.vjm.model.mechanism import Mechanism
 
 SHELVES = ("campaigns", "withheld")
 _REFUSED = (
@@ -117,6 +122,9 @@ def diagnose_case(case: Case, nominal: Assembled | None, shop: Workshop) -> Diag
     """
     if nominal is None:
         return diagnose_campaign(case.campaign)
+    if not len(case.campaign):
+        expected = "expected a table of readings: responses alone are not diagnosed"
+        raise case.campaign.refuse(("readings",), f"{expected}, only checked")
     for remark in inspect_extremes(case.campaign, nominal.mechanism, _REFUSED):
         raise InputError(remark.text)
     carrying = NominalRobot(
@@ -129,8 +137,22 @@ def diagnose_case(case: Case, nominal: Assembled | None, shop: Workshop) -> Diag
         *inspect_mechanics(case.campaign),
     )
     return dataclasses.replace(
-        found, remarks=(*(doubt.text for doubt in doubts), *found.remarks)
+        found,
+        remarks=(
+            *(doubt.text for doubt in doubts),
+            *_remark_responses(case.campaign),
+            *found.remarks,
+        ),
     )
+
+
+def _remark_responses(campaign: Campaign) -> list[str]:
+    """Return a remark on what a diagnosis does not use."""
+    if not campaign.responses:
+        return []
+    names = ", ".join(setup.name for setup in campaign.responses)
+    compared = "`campaign check` compares them with the model"
+    return [f"frequency responses ({names}) are not diagnosed; {compared}"]
 
 
 def open_case(
@@ -160,11 +182,11 @@ def open_case(
 def configure_case(
     case: Case, nominal: Assembled | None = None
 ) -> Configurations | None:
-    """Return the robot (default: rigid parts) at the campaign's poses; None without a robot.
+    """Return the robot (default: rigid parts) at the campaign's poses; None without robot or readings.
 
     Raises InputError for an unreachable pose.
     """
-    if case.robot is None:
+    if case.robot is None or not len(case.campaign):
         return None
     mechanism = nominal.mechanism if nominal else rigid_mechanism(case.robot)
     return RobotAtPoses(
@@ -174,6 +196,8 @@ def configure_case(
 
 def inspect_case(case: Case, found: Configurations | None) -> tuple[ReadingRemark, ...]:
     """Return remarks on poses, found by `configure_case`, and on readings, without experiments."""
+    if not len(case.campaign):
+        return ()
     remarks = inspect_readings(case.campaign, predict_roughly(case))
     if case.robot is None or found is None:
         return remarks
@@ -203,9 +227,7 @@ def predict_roughly(case: Case) -> Array:
     out = np.full(len(campaign), np.nan)
     if not len(read):
         return out
-    nominal = NominalRobot(
-        mechanism_of(case.robot, _rough_matrices(case.robot)), case.robot
-    )
+    nominal = NominalRobot(rough_mechanism(case.robot), case.robot)
     with contextlib.suppress(
         InputError
     ):  # a diagnosis reports it, with the actual parts
@@ -217,13 +239,33 @@ def predict_roughly(case: Case) -> Array:
     return out
 
 
-def _rough_matrices(robot: RobotFile) -> dict[str, PartMatrix]:
-    """Return part matrices by beam theory, as given, or rigid."""
-    needed = needed_experiments(robot, "beam")
-    sources = part_sources(robot, "beam")
+def compare_responses(case: Case) -> tuple[ComparedResponses, ...]:
+    """Read the responses of a campaign and predict them by the robot without virtual experiments.
+
+    Raises InputError for files that cannot be read, and points or poses that are not the robot's.
+    """
+    if case.robot is None or not case.campaign.responses:
+        return ()
+    mechanism = rough_mechanism(case.robot, case.campaign.components)
+    compared = list[ComparedResponses]()
+    for measured in load_responses(case.folder, case.campaign, case.robot, mechanism):
+        damping = measured.find_damping()
+        predicted = predict_responses(mechanism, measured, damping)
+        compared.append(ComparedResponses(measured, predicted, damping))
+    return tuple(compared)
+
+
+def rough_mechanism(robot: RobotFile, components: str | None = None) -> Mechanism:
+    """Return a robot without virtual experiments.
+
+    Rods and plates follow beam theory, or are as published; parts that need an experiment are rigid.
+    """
+    source = "published" if components == "published" else "beam"
+    needed = needed_experiments(robot, source)
+    sources = part_sources(robot, source)
     rigid: dict[str, Any] = {name: rigid_part(robot, name) for name in needed}
-    beams = {name: source for name, source in sources.items() if source == "beam"}
-    return part_matrices(robot, beams, rigid)
+    given = {name: each for name, each in sources.items() if each == source}
+    return mechanism_of(robot, part_matrices(robot, given, rigid))
 
 
 def find_campaign(name: str | Path) -> Path:

@@ -23,6 +23,7 @@ from stiffscope.gap.campaign.campaign_header import load_header
 from stiffscope.gap.campaign.template import write_template
 from stiffscope.gap.campaigns import (
     assemble_nominal,
+    compare_responses,
     configure_case,
     diagnose_case,
     inspect_case,
@@ -35,6 +36,7 @@ from stiffscope.gap.show import campaign as campaign_check
 from stiffscope.gap.show import tables as gap_tables
 from stiffscope.gap.show.page import share_view, write_diagnosis_report
 from stiffscope.gap.show.pictures import order_figures, order_shares, shares_ahead
+from stiffscope.gap.show.responses import draw_compared
 from stiffscope.report import tables
 from stiffscope.report.kept_pictures import write_pictures
 from stiffscope.report.pictures import open_drawing
@@ -125,7 +127,8 @@ def diagnose(
 
 
 def _manifest_of(case: Case) -> Manifest:
-    files = ("campaign.toml", *case.campaign.files)
+    responses = (setup.file for setup in case.campaign.responses)
+    files = ("campaign.toml", *case.campaign.files, *responses)
     return manifest_of(case.robot, *(case.folder / file for file in files))
 
 
@@ -235,9 +238,13 @@ def check_campaign(name: str, *, output: Output) -> None:
         else nullcontext() as draw
     ):
         found = configure_case(case)
-        facts = campaign_check.campaign_json(case.campaign, inspect_case(case, found))
+        remarks = inspect_case(case, found)
+        compared = compare_responses(case)
+        facts = campaign_check.campaign_json(case.campaign, remarks, compared)
 
         def fill(folder: Path) -> None:
+            if case.robot is not None:
+                draw_compared(draw, case.robot, compared, folder)
             if case.robot is not None and found is not None and draw is not None:
                 campaign_check.draw_sensors(
                     draw, case.robot, found, case.campaign, folder
@@ -249,6 +256,6 @@ def check_campaign(name: str, *, output: Output) -> None:
             lambda: campaign_check.show_campaign(facts, case.name),
             fill=fill,
             manifest=_manifest_of(case),
-            page=partial(campaign_check.write_page, case.name),
+            page=partial(campaign_check.write_page, case.name, facts),
             kept="check.json",
         )

@@ -107,6 +107,29 @@ def find_resonances(response: Response, settings: CheckSettings = SETTINGS) -> I
     return np.sort(peaks[highest]).astype(np.int64)
 
 
+def find_damping(
+    response: Response, settings: CheckSettings = SETTINGS
+) -> list[tuple[float, float]]:
+    """Return frequency, Hz, and damping ratio of the resonances by their half-power width.
+
+    Resonances narrower than ``narrow`` lines are left out. Close modes widen each other, so that
+    the ratios are estimates.
+    """
+    found = list[tuple[float, float]]()
+    size = np.abs(response.receptance)
+    for peak in find_resonances(response, settings):
+        above = size >= size[peak] / np.sqrt(2.0)
+        low, high = _run_around(above, int(peak))
+        if high - low + 1 < settings.narrow or low == 0 or high == len(size) - 1:
+            continue
+        hertz = float(response.frequency[peak])
+        lines = response.frequency
+        # the half-power points lie, on average, half a line beyond the run
+        width = 0.5 * (lines[high] + lines[high + 1] - lines[low] - lines[low - 1])
+        found.append((hertz, float(0.5 * width / hertz)))
+    return found
+
+
 def find_static_stiffness(
     response: Response, settings: CheckSettings = SETTINGS
 ) -> StaticStiffness | None:
@@ -183,7 +206,8 @@ def _doubt_peaks(response: Response, settings: CheckSettings) -> Iterator[str]:
             if coherence < settings.coherence:
                 poor.append(f"{hertz} ({coherence:.2f})")
         above = size >= size[peak] / np.sqrt(2.0)
-        if _run_around(above, int(peak)) < settings.narrow:
+        low, high = _run_around(above, int(peak))
+        if high - low + 1 < settings.narrow:
             narrow.append(hertz)
     if poor:
         yield (
@@ -196,14 +220,14 @@ def _doubt_peaks(response: Response, settings: CheckSettings) -> Iterator[str]:
         )
 
 
-def _run_around(flags: Flags, at: int) -> int:
-    """Return the length of the run of true flags around an index."""
+def _run_around(flags: Flags, at: int) -> tuple[int, int]:
+    """Return the first and the last index of the run of true flags around an index."""
     ends = np.flatnonzero(~flags)
     before = ends[ends < at]
     after = ends[ends > at]
-    low = int(before[-1]) if len(before) else -1
-    high = int(after[0]) if len(after) else len(flags)
-    return high - low - 1
+    low = int(before[-1]) + 1 if len(before) else 0
+    high = int(after[0]) - 1 if len(after) else len(flags) - 1
+    return low, high
 
 
 def _doubt_driving_point(response: Response, settings: CheckSettings) -> Iterator[str]:

@@ -12,6 +12,7 @@ from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit
 from stiffscope.errors import InputError
 from stiffscope.experiments.manifest import manifest_of
+from stiffscope.responses.files import is_universal, read_responses
 from stiffscope.responses.model import DERIVATIVES
 from stiffscope.responses.show import (
     responses_json,
@@ -19,8 +20,7 @@ from stiffscope.responses.show import (
     write_figure,
     write_page,
 )
-from stiffscope.responses.tables import Channel, read_direction, read_response_table
-from stiffscope.responses.uff import read_uff
+from stiffscope.responses.tables import Channel, read_direction
 from stiffscope.responses.units import read_unit
 
 if TYPE_CHECKING:
@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
     from stiffscope.cli.output import Output
     from stiffscope.responses.model import ResponseFile
-
-UNIVERSAL = {".uff", ".unv", ".uf", ".58"}
 
 
 @click.command()
@@ -80,19 +78,19 @@ def responses(
 
 
 def _read(file: Path, channels: Texts, quantity: Any, unit: str | None) -> ResponseFile:
-    if file.suffix.lower() in UNIVERSAL:
+    if is_universal(file):
         given = {"--channel": channels, "--quantity": quantity, "--unit": unit}
         for option, value in given.items():
             if value:
                 raise InputError(
                     f"{option}: expected a table, got the universal file {file.name}"
                 )
-        return read_uff(file)
+        return read_responses(file, {})
     if quantity is None:
         expected = f"expected {', '.join(DERIVATIVES)} of a table"
         raise InputError(f"--quantity: {expected}, got none")
     factor = 1.0 if unit is None else read_unit(unit, quantity)
-    return read_response_table(file, _read_channels(channels), quantity, factor)
+    return read_responses(file, _read_channels(channels), quantity, factor)
 
 
 def _read_channels(texts: Texts) -> dict[str, Channel]:

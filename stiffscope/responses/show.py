@@ -18,9 +18,11 @@ from stiffscope.responses.checks import (
 from stiffscope.responses.model import AXES
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from matplotlib.figure import Figure
+    from numpy.typing import NDArray
 
     from stiffscope.report.run_report import Draft
     from stiffscope.responses.model import Direction, Response, ResponseFile
@@ -36,8 +38,8 @@ def responses_json(read: ResponseFile) -> dict[str, Any]:
         static = find_static_stiffness(response)
         rows.append(
             {
-                "force": _direction_json(response.force),
-                "motion": _direction_json(response.motion),
+                "force": direction_json(response.force),
+                "motion": direction_json(response.motion),
                 "quantity": response.quantity,
                 "band": [float(response.frequency[0]), float(response.frequency[-1])],
                 "lines": len(response.frequency),
@@ -70,7 +72,8 @@ def responses_json(read: ResponseFile) -> dict[str, Any]:
     }
 
 
-def _direction_json(direction: Direction) -> dict[str, Any]:
+def direction_json(direction: Direction) -> dict[str, Any]:
+    """Return a direction as plain data."""
     return {
         "point": direction.point,
         "axis": AXES[direction.axis],
@@ -151,7 +154,8 @@ def _show_static(read: ResponseFile) -> None:
 
 def write_figure(read: ResponseFile, folder: Path) -> None:
     """Write responses.png and responses.svg."""
-    save_figures(folder, {"responses": lambda: _draw_responses(read)})
+    title = f"{read.path.name}: measured receptances"
+    save_figures(folder, {"responses": lambda: draw_responses(title, read.responses)})
 
 
 def write_page(read: ResponseFile, report: Draft) -> None:
@@ -170,14 +174,28 @@ def write_page(read: ResponseFile, report: Draft) -> None:
     report.write(f"{read.path.name}: measured responses", facts, sections)
 
 
-def _draw_responses(read: ResponseFile) -> Figure | None:
-    if not read.responses:
+def draw_responses(
+    title: str,
+    responses: Sequence[Response],
+    predicted: Sequence[NDArray[np.complex128]] = (),
+) -> Figure | None:
+    """Draw magnitude, phase and coherence of responses; None without any.
+
+    Parameters
+    ----------
+    title
+        Title of the figure.
+    responses
+        Measured responses; the first `MOST_DRAWN` are drawn.
+    predicted
+        Predicted receptance of each response at its lines; none by default.
+    """
+    if not responses:
         return None
-    shown = read.responses[:MOST_DRAWN]
+    shown = responses[:MOST_DRAWN]
     columns = min(int(np.ceil(np.sqrt(len(shown)))), 3)
     bands = -(-len(shown) // columns)
-    more = len(read.responses) - len(shown)
-    title = f"{read.path.name}: measured receptances"
+    more = len(responses) - len(shown)
     if more:
         title += f" (the first {len(shown)}, {more} more in the table)"
     figure = new_figure(4.2 * columns, 3.9 * bands + 0.4, title)
@@ -191,20 +209,22 @@ def _draw_responses(read: ResponseFile) -> Figure | None:
     for k in range(columns * bands):
         block = panels[3 * (k // columns) : 3 * (k // columns) + 3, k % columns]
         if k < len(shown):
-            _draw_response(block, shown[k])
+            _draw_response(block, shown[k], predicted[k] if predicted else None)
         else:
             for axes in block:
                 axes.set_visible(False)
     return figure
 
 
-def _draw_response(panels: Any, response: Response) -> None:
+def _draw_response(
+    panels: Any, response: Response, predicted: NDArray[np.complex128] | None
+) -> None:
     upper, middle, lower = panels
     hertz = response.frequency
     size = np.abs(response.receptance)
     peaks = find_resonances(response)
     unit = "m/N" if max(response.force.axis, response.motion.axis) < 3 else "SI"
-    upper.semilogy(hertz, size, color=BEFORE, lw=1.1)
+    upper.semilogy(hertz, size, color=BEFORE, lw=1.1, label="measured")
     upper.plot(hertz[peaks], size[peaks], "o", ms=4, color=EFFECT, zorder=3)
     upper.set_title(name_response(response), fontsize=10, parse_math=False, loc="left")
     upper.set_ylabel(f"|H| ({unit})")
@@ -212,6 +232,16 @@ def _draw_response(panels: Any, response: Response) -> None:
     sign = response.force.sign * response.motion.sign
     phase = np.angle(sign * response.receptance, deg=True)
     middle.plot(hertz, phase, ".", ms=1.6, color=BEFORE)
+    if predicted is not None:
+        upper.semilogy(
+            hertz, np.abs(predicted), "--", color=AFTER, lw=1.3, label="predicted"
+        )
+        floor = 0.1 * size[size > 0.0].min(initial=size.max())
+        if floor > 0.0:  # a prediction far below the noise would flatten all else
+            upper.set_ylim(bottom=max(floor, upper.get_ylim()[0]))
+        turned = np.angle(sign * predicted, deg=True)
+        middle.plot(hertz, turned, ".", ms=1.2, color=AFTER)
+        upper.legend(fontsize=8, frameon=False)
     middle.set(ylim=(-185, 185), ylabel="deg")
     middle.set_yticks([-180, 0, 180])
     if response.coherence is None:

@@ -15,9 +15,10 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from scipy.cluster.hierarchy import DisjointSet  # pyright: ignore[reportMissingTypeStubs]
 
+from stiffscope.errors import InputError
 from stiffscope.vjm.model.checks import GROUND
 from stiffscope.vjm.model.dynamics import factor_semidefinite
-from stiffscope.vjm.model.screws import Frame
+from stiffscope.vjm.model.screws import Frame, shift
 from stiffscope.vjm.network.network import list_elements, list_nodes
 from stiffscope.vjm.network.order import stack_columns, stack_rows
 
@@ -134,6 +135,29 @@ def sum_squares(rows: Iterable[Rows], vectors: Array) -> Array:
     """Return the sums of squares (n, c) of rows for vectors (n, size, c): twice an energy."""
     nothing = np.zeros((len(vectors), vectors.shape[2]))
     return sum((np.square(r.apply_to(vectors)).sum(axis=1) for r in rows), nothing)
+
+
+@dataclass(frozen=True, eq=False)
+class PointMass:
+    """A mass without extent, in kg, fixed to a node at the home point ``at`` (3,), m."""
+
+    node: str
+    at: Array
+    mass: float
+
+
+def add_point_mass(system: Coordinates, point: PointMass) -> None:
+    """Add the kinetic energy of a point mass. InputError if its node is unknown."""
+    if point.node not in system.twists:
+        known = ", ".join(system.twists)
+        raise InputError(
+            f"expected a body or an end of one, {known}, got {point.node!r}"
+        )
+    where = system.where
+    at = np.asarray(point.at, dtype=float)
+    velocity = shift(where.point(point.node, at) - where.tool)[..., :3, :]
+    rows = system.twists[point.node].after(np.sqrt(point.mass) * velocity)
+    system.inertias.append(rows)
 
 
 def _pick_rows(rows: Any, index: NDArray[np.intp]) -> Any:

@@ -16,17 +16,17 @@ import numpy as np
 from stiffscope.errors import check_word
 from stiffscope.vjm.model.subspaces import RANK
 from stiffscope.vjm.network.network import place_nodes
-from stiffscope.vjm.vibration.coordinates import form_coordinates
+from stiffscope.vjm.vibration.coordinates import add_point_mass, form_coordinates
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
     from stiffscope.vjm.kinematics.configurations import Configurations
     from stiffscope.vjm.model.mechanism import Mechanism
     from stiffscope.vjm.model.screws import Array
-    from stiffscope.vjm.vibration.coordinates import Coordinates
+    from stiffscope.vjm.vibration.coordinates import Coordinates, PointMass
 
 Drives = Literal["held", "free"]
 NOTHING = 1e-12  # of a scaled matrix's diagonal: zero stiffness or inertia
@@ -88,7 +88,10 @@ class Pencil:
 
 
 def form_pencils(
-    mechanism: Mechanism, found: Configurations, drives: Drives = "held"
+    mechanism: Mechanism,
+    found: Configurations,
+    drives: Drives = "held",
+    masses: Sequence[PointMass] = (),
 ) -> Iterator[tuple[Pencil, NDArray[np.intp]]]:
     """Yield pencils of reachable configurations, each with the indices of its configurations.
 
@@ -100,6 +103,8 @@ def form_pencils(
         Configurations; unreachable ones are skipped.
     drives
         Drives are springs ("held") or move freely ("free").
+    masses
+        Added to bodies, such as those of accelerometers.
     """
     check_word("drives", drives, get_args(Drives))
     free = [j.name for j in mechanism.drives] if drives == "free" else []
@@ -109,6 +114,8 @@ def form_pencils(
             mechanism, joints=tuple(replace(j, drive=None) for j in mechanism.joints)
         )
     system = form_coordinates(shaken, place_nodes(found), found.linkage.length, free)
+    for mass in masses:
+        add_point_mass(system, mass)
     stiffness = system.stiffness
     mass = system.mass
     everything = np.arange(len(found))

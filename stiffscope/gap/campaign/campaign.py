@@ -22,6 +22,7 @@ from stiffscope.gap.campaign.quantities import AXES, kind_of
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from stiffscope.gap.campaign.response_header import ResponseSetup
     from stiffscope.robot.file.parse import Source
     from stiffscope.runtime.types import Array, Flags, Indices
 
@@ -159,6 +160,8 @@ class Campaign:
         default_factory=tuple[InstrumentFrame, ...]
     )
     """Frames named by the sensors."""
+    responses: tuple[ResponseSetup, ...] = ()
+    """Set-ups of frequency responses, whose files are read by `load_responses`."""
     expected: Array | None = None
     """Offset (n,) subtracted from ``value`` once the robot is known: position or distance of the
     rigid robot as commanded, zero for other readings; None: values are as read."""

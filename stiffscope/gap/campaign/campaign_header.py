@@ -4,19 +4,18 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.campaign import InstrumentFrame, LoadPoint, Sensor
+from stiffscope.gap.campaign.header_table import HeaderTable
 from stiffscope.gap.campaign.quantities import AXES, QUANTITIES
+from stiffscope.gap.campaign.response_header import ResponseSetup, read_setup
 from stiffscope.gap.effects.instruments import INSTRUMENT, ROTATION, TRANSLATION
 from stiffscope.gap.effects.vocabulary import EFFECTS
 from stiffscope.robot.file.parse import Source, parse_text
 from stiffscope.robot.file.quantities import (
     LENGTH,
-    NUMBER,
     Dimension,
     show_value,
     to_si,
@@ -26,7 +25,6 @@ from stiffscope.runtime.reading import read_text
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from stiffscope.robot.file.positions import Key
 
 NAME = "campaign.toml"
 COMPONENTS = ("fea", "beam", "published")
@@ -42,6 +40,7 @@ KEYS = (
     "frames",
     "sensors",
     "loads",
+    "responses",
 )
 ZEROS = ("none", "session")
 SENSOR_KEYS = (
@@ -81,6 +80,7 @@ class Header:
     frames: tuple[InstrumentFrame, ...]
     sensors: tuple[Sensor, ...]
     loads: tuple[LoadPoint, ...]
+    responses: tuple[ResponseSetup, ...]
 
 
 def load_header(folder: Path) -> Header:
@@ -89,7 +89,7 @@ def load_header(folder: Path) -> Header:
         raise InputError(f"{folder}: expected a campaign folder with a campaign.toml")
     text = read_text(folder / NAME, "a campaign.toml")
     source = Source(Path(NAME), text)
-    top = _Table(source, (), parse_text(source.path, text, "a campaign.toml"))
+    top = HeaderTable(source, (), parse_text(source.path, text, "a campaign.toml"))
     top.check_keys(KEYS)
     robot = top.text("robot")
     predictions = top.text("predictions")
@@ -105,11 +105,8 @@ def load_header(folder: Path) -> Header:
     if strange:
         message = f"expected effects among {', '.join(EFFECTS)}, each once, got {show_value(strange[0])}"
         raise top.refuse("modelled", message)
-    readings = top.texts("readings")
-    if not readings or len(set(readings)) < len(readings):
-        raise top.refuse(
-            "readings", "expected one file name or a list of different ones"
-        )
+    setups = _read_setups(top)
+    readings = _read_names(top, optional=bool(setups))
     ignore = top.texts("ignore", ())
     needed = [name for name in ("value", "sigma") if name in ignore]
     if needed:
@@ -151,10 +148,28 @@ def load_header(folder: Path) -> Header:
         frames,
         tuple(sensors),
         tuple(loads),
+        setups,
     )
 
 
-def _read_frame(name: str, section: _Table) -> InstrumentFrame:
+def _read_setups(top: HeaderTable) -> tuple[ResponseSetup, ...]:
+    sections = top.sections("responses")
+    if sections and "robot" not in top.data:
+        raise top.refuse("responses", "expected a robot, which predicts them, got none")
+    return tuple(read_setup(name, section) for name, section in sections)
+
+
+def _read_names(top: HeaderTable, *, optional: bool) -> tuple[str, ...]:
+    """Return the names of the tables of readings."""
+    readings = top.texts("readings", () if optional else None)
+    if not (readings or optional) or len(set(readings)) < len(readings):
+        raise top.refuse(
+            "readings", "expected one file name or a list of different ones"
+        )
+    return readings
+
+
+def _read_frame(name: str, section: HeaderTable) -> InstrumentFrame:
     section.check_keys(FRAME_KEYS)
     per = section.choice("per", ("campaign", "session"), "campaign")
     if section.data.get("pose") == "unknown":
@@ -173,7 +188,7 @@ def _read_frame(name: str, section: _Table) -> InstrumentFrame:
 
 
 def _read_sensor(
-    name: str, section: _Table, frames: tuple[str, ...]
+    name: str, section: HeaderTable, frames: tuple[str, ...]
 ) -> tuple[Sensor, ...]:
     """Return the channels of an instrument: three for a position, else one."""
     section.check_keys(SENSOR_KEYS)
@@ -195,7 +210,7 @@ def _read_sensor(
 
 
 def _read_target(
-    name: str, section: _Table, frames: tuple[str, ...]
+    name: str, section: HeaderTable, frames: tuple[str, ...]
 ) -> tuple[Sensor, ...]:
     """Return the channels of a target."""
     measures = section.text("measures") or ""
@@ -221,120 +236,3 @@ def _read_target(
         Sensor(channel, body, way, at, measures, "ground", zero, frame, name, sigma)
         for channel, way in along.items()
     )
-
-
-@dataclass(frozen=True)
-class _Table:
-    """A table of the file, whose errors name the line and the key."""
-
-    source: Source
-    here: Key
-    data: dict[str, Any]
-
-    def refuse(self, key: str, message: str) -> InputError:
-        return self.source.refuse((*self.here, key), message)
-
-    def check_keys(self, keys: tuple[str, ...]) -> None:
-        unknown = [key for key in self.data if key not in keys]
-        if unknown:
-            raise self.refuse(unknown[0], f"expected one of {', '.join(keys)}")
-
-    def refuse_others(self, keys: tuple[str, ...], message: str) -> None:
-        """Raise InputError if any of these keys is given."""
-        for key in keys:
-            if key in self.data:
-                raise self.refuse(key, message)
-
-    def text(self, key: str) -> str | None:
-        value = self.data.get(key)
-        if key in self.data and (not isinstance(value, str) or not value.strip()):
-            raise self.refuse(key, f"expected a text, got {show_value(value)}")
-        return value
-
-    def texts(
-        self, key: str, default: tuple[str, ...] | None = None
-    ) -> tuple[str, ...]:
-        """Return a list of texts, or a single one."""
-        value = self.data.get(key, default)
-        if default is not None and key not in self.data:
-            return default
-        listed = cast("list[Any]", value) if isinstance(value, list) else [value]
-        if not all(isinstance(v, str) and v for v in listed):
-            raise self.refuse(key, f"expected a list of texts, got {show_value(value)}")
-        return tuple(listed)
-
-    def choice(
-        self, key: str, choices: tuple[str, ...], default: str | None = None
-    ) -> str:
-        value = self.text(key) if key in self.data or default is None else default
-        if value is None or value not in choices:
-            listed = (
-                ", ".join(choices) or f"a name of [{key}s], of which there are none"
-            )
-            got = "nothing" if value is None else show_value(value)
-            raise self.refuse(key, f"expected one of {listed}, got {got}")
-        return value
-
-    def body(self) -> str:
-        value = self.text("body")
-        if value is None:
-            raise self.refuse("body", "expected the name of a body, got nothing")
-        return value
-
-    def values(
-        self,
-        key: str,
-        dimensions: tuple[Dimension, ...],
-        example: str,
-        *,
-        sign: str = "any",
-    ) -> tuple[float, ...]:
-        """Return a list of values in SI, one for each dimension."""
-        value: Any = self.data.get(key)
-        if not isinstance(value, list) or len(cast("list[Any]", value)) != len(
-            dimensions
-        ):
-            raise self.refuse(key, f"{example}, got {show_value(value)}")
-        try:
-            pairs = zip(cast("list[Any]", value), dimensions, strict=True)
-            return tuple(to_si(each, dimension, sign=sign) for each, dimension in pairs)
-        except ValueError as error:
-            raise self.refuse(key, str(error)) from None
-
-    def point(self, key: str) -> tuple[float, float, float]:
-        """Return three lengths, m."""
-        example = 'expected three lengths such as ["75 mm", 0, "-15 mm"]'
-        x, y, z = self.values(key, (LENGTH,) * 3, example)
-        return x, y, z
-
-    def direction(self, key: str) -> tuple[float, float, float]:
-        """Return a unit vector."""
-        value: Any = self.data.get(key)
-        example = "expected three numbers such as [0, 0, 1]"
-        given = cast("list[Any]", value) if isinstance(value, list) else []
-        if not all(isinstance(v, int | float) for v in given):
-            raise self.refuse(key, f"{example}, got {show_value(value)}")
-        along = np.array(self.values(key, (NUMBER,) * 3, example))
-        size = float(np.linalg.norm(along))
-        if not size > 0.0:
-            raise self.refuse(key, f"expected a direction, got {show_value(value)}")
-        x, y, z = (along / size).tolist()
-        return x, y, z
-
-    def table(self, key: str) -> _Table:
-        value = self.data.get(key, {})
-        if not isinstance(value, dict):
-            raise self.refuse(key, f"expected a table, got {show_value(value)}")
-        return _Table(self.source, (*self.here, key), cast("dict[str, Any]", value))
-
-    def sections(self, key: str) -> list[tuple[str, _Table]]:
-        found = self.table(key)
-        for name in found.data:
-            if (
-                not name.isprintable() or not name or name != name.strip()
-            ):  # a terminal would obey it
-                expected = (
-                    "expected a name of printable characters without blanks around it"
-                )
-                raise found.refuse(name, f"{expected}, got {show_value(name)}")
-        return [(name, found.table(name)) for name in found.data]

@@ -77,6 +77,8 @@ def load_campaign(
         _read_readings(folder / name, header, planned=planned)
         for name in header.readings
     ]
+    if not read:
+        return _empty_campaign(header)
     parts = [keys for keys, _, _ in read]
     first = parts[0]
     other = next(
@@ -115,11 +117,42 @@ def load_campaign(
         loads=header.loads,
         load=np.concatenate([part.load for part in parts]),
         frames=header.frames,
+        responses=header.responses,
         units=header.units,
         source=header.source,
     )
     _check_some(campaign)
     return campaign if robot is None else match_robot(campaign, robot)
+
+
+def _empty_campaign(header: Header) -> Campaign:
+    """Return a campaign without readings, of frequency responses alone."""
+    none = np.zeros(0, dtype=np.int64)
+    return Campaign(
+        robot=header.robot,
+        modelled=header.modelled,
+        components=header.components,
+        pose_names=(),
+        poses=np.zeros((0, 3)),
+        pose=none,
+        wrench=np.zeros((0, 6)),
+        quantity=none,
+        value=np.zeros(0),
+        sigma=np.zeros(0),
+        session_names=(),
+        session=none,
+        files=(),
+        file=none,
+        line=none,
+        sensors=header.sensors,
+        sensor=none,
+        loads=header.loads,
+        load=none,
+        frames=header.frames,
+        responses=header.responses,
+        units=header.units,
+        source=header.source,
+    )
 
 
 def _check_files(folder: Path, header: Header) -> None:
@@ -290,6 +323,9 @@ def match_robot(campaign: Campaign, robot: RobotFile) -> Campaign:
     """
     _check_bodies(campaign, robot)
     campaign = _state_weight(campaign, robot)
+    if not len(campaign):
+        names = tuple(robot.tool.pose)
+        return replace(campaign, poses=np.zeros((0, len(names))), coordinates=names)
     if len(campaign.poses) > MOST_POSES:
         where = campaign.where(int(np.argmax(campaign.pose >= MOST_POSES)))
         most = f"expected at most {MOST_POSES:,} different poses"

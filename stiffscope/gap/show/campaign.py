@@ -11,6 +11,11 @@ from stiffscope.gap.campaign.copies import find_copies
 from stiffscope.gap.campaign.kinds import KINDS
 from stiffscope.gap.campaign.quantities import WRENCH
 from stiffscope.gap.planning.candidates import ENOUGH
+from stiffscope.gap.show.responses import (
+    responses_json,
+    show_responses,
+    write_section,
+)
 from stiffscope.report.numbers import coordinates, pose_values
 from stiffscope.report.page import Section
 from stiffscope.report.pictures import optional_pictures
@@ -24,6 +29,7 @@ if TYPE_CHECKING:
 
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.campaign.sanity import ReadingRemark
+    from stiffscope.gap.forward.response_model import ComparedResponses
     from stiffscope.gap.planning.candidates import Answered, Proposal
     from stiffscope.report.run_report import Draft
     from stiffscope.robot.file.description import RobotFile
@@ -97,7 +103,9 @@ def _show_pairs(title: str, pairs: Sequence[Answered]) -> None:
 
 
 def campaign_json(
-    campaign: Campaign, remarks: Iterable[ReadingRemark] = ()
+    campaign: Campaign,
+    remarks: Iterable[ReadingRemark] = (),
+    responses: Iterable[ComparedResponses] = (),
 ) -> dict[str, Any]:
     """Return the campaign as read, as plain data in SI units."""
     c = campaign
@@ -127,6 +135,9 @@ def campaign_json(
         "sensors": {s.name: _sensor(c, k) for k, s in enumerate(c.sensors)},
         "loads": loads,
         "largest_wrench": dict(zip(WRENCH, largest.tolist(), strict=True)),
+        "responses": {
+            each.measured.setup.name: responses_json(each) for each in responses
+        },
     }
 
 
@@ -180,6 +191,15 @@ def _unit(c: Campaign, reading: int) -> str:
 
 def show_campaign(facts: Mapping[str, Any], name: str) -> None:
     """Print the facts of a campaign returned by `campaign_json`."""
+    if facts["readings"] or not facts["responses"]:
+        _show_readings(facts, name)
+    else:
+        show_line(f"{name}: frequency responses, no readings", "bold")
+    for setup, responses in facts["responses"].items():
+        show_responses(setup, responses)
+
+
+def _show_readings(facts: Mapping[str, Any], name: str) -> None:
     counts = facts["kinds"].items()
     kinds = ", ".join(f"{count} {_PLURAL[kind]}" for kind, count in counts)
     readings = f"{facts['readings']} readings ({kinds})"
@@ -254,14 +274,17 @@ def show_campaign(facts: Mapping[str, Any], name: str) -> None:
         show_line(f"and {len(poses) - _SHOWN} more: see --json")
 
 
-def write_page(name: str, report: Draft) -> None:
+def write_page(name: str, facts: Mapping[str, Any], report: Draft) -> None:
     """Write ``report.html`` of a campaign check: the shown tables and the folder's pictures."""
     words = "the robot, with arrows at sensors and loads"
     drawn = report.figures(
         {file: (caption, words) for file, caption in PICTURES.items()}
     )
-    about = ["the campaign as read, not compared with the model"]
-    sections = [Section("Readings", report.shown, drawn, files=("check.json",))]
+    about = ["the campaign as read; its readings are not compared with the model"]
+    sections = [
+        Section("Readings", report.shown, drawn, files=("check.json",)),
+        *write_section(report, facts["responses"]),
+    ]
     report.write(f"{name}: its readings", about, sections)
 
 
