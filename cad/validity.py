@@ -81,7 +81,7 @@ def valid_solid(shape: Shape, name: str) -> Solid:
     return solid
 
 
-def _check_surface(solid: Solid, refuse: Callable[[str], InputError]) -> None:
+def _check_surface(solid: Solid, refuse: Callable[..., InputError]) -> None:
     """Refuse a solid with gaps, or that overlaps itself."""
     surface = tessellate_closed(solid, 5e-4, 0.8)[:2]
     gaps = open_edges(surface[1])
@@ -95,7 +95,7 @@ def _check_surface(solid: Solid, refuse: Callable[[str], InputError]) -> None:
         )
 
 
-def _heal(solid: Solid, name: str, refuse: Callable[[str], InputError]) -> Solid:
+def _heal(solid: Solid, name: str, refuse: Callable[..., InputError]) -> Solid:
     """Return a solid that the kernel finds invalid, healed; log what was done."""
     before = kernel.volume_properties(solid).Mass()
     healed, done = kernel.heal_solid(solid)

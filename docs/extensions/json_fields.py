@@ -570,6 +570,7 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "doubts[].solids?": ("imported assembly: solids to review", ""),
             "doubts[].text?": ("assumption made, and possible alternatives", ""),
             "doubts[].at?": ("position (3,) in base axes; null if it has none", "m"),
+            "doubts[].warning?": ("whether it may make numbers wrong by far", ""),
             "bodies[].name": ("name of a body", ""),
             "bodies[].part": ("part of the body; null: rigid body", ""),
             "bodies[].mass": (
@@ -689,6 +690,7 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
                 "position (3,) in assembly axes; null if it has none",
                 "m",
             ),
+            "doubts[].warning?": ("whether it may make numbers wrong by far", ""),
             "changes?": (
                 "assembly: changes since the last import to the same file; otherwise null",
                 "",

@@ -40,10 +40,5 @@ def estimate_part(solid: Instance, material: AnyMaterial) -> Estimate:
     thin, _, long = np.maximum(squares, 1e-300).tolist()
     length = np.sqrt(12.0 * long)
     area = product.volume / length
-    stiffness = 3.0 * _youngs_modulus(material) * area * thin / length**3
+    stiffness = 3.0 * material.youngs_modulus * area * thin / length**3
     return Estimate(float(1.0 / stiffness), float(np.sqrt(long / thin)))
-
-
-def _youngs_modulus(material: AnyMaterial) -> float:
-    own = getattr(material, "youngs_modulus", None)
-    return float(own) if own is not None else float(min(material.youngs_moduli))

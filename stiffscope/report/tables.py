@@ -152,7 +152,7 @@ def _shown_diagonals(state: Stiffness) -> np.ndarray:
     plain = np.einsum("nii->ni", state.finite)
     stuck = state.nearly_rigid
     alone = np.where(stuck, np.nan, state.alone)
-    shown = np.where(stuck.any(axis=1)[:, None], alone, plain)
+    shown = np.where(stuck.any(axis=1, keepdims=True), alone, plain)
     return np.einsum("ni,ij->nij", shown, np.eye(6))
 
 

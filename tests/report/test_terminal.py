@@ -105,6 +105,7 @@ def state(poses, matrix, sag, pose=("x", "y", "z")):
         poses=poses,
         tool=np.zeros((len(poses), 6)),
         mechanism=Stub(tool=Stub(pose=pose)),
+        linkage=Stub(length=1.0),
     )
     n = len(poses)
     k = np.asarray(matrix)

@@ -113,8 +113,8 @@ def find_solver(mechanism: Mechanism, given: Given) -> Solver:
                 names = ", ".join(mechanism.tool.pose[k] for k in sorted(locked))
                 expected = "coordinates that the mechanism can move in at home"
                 raise InputError(
-                    f"tool.pose: expected {expected} ([] if in none), got {names}, "
-                    "held there or by the others"
+                    f"tool.pose: expected {expected}, got {names}, held there or by the "
+                    "others; [] is the one pose of what cannot move"
                 )
             start, displaced = found
         placed = linkage.place_links(start[:, None])

@@ -119,7 +119,7 @@ class Stiffness(Labelled):
 
         None where the compliance is unknown, as the tool moves freely.
         """
-        known = np.isfinite(self.compliance).all(axis=(1, 2))
+        known = np.asarray(np.isfinite(self.compliance).all(axis=(1, 2)))
         found = nearly_rigid(self.alone, self.configurations.linkage.length)
         return found & known[:, None]
 
@@ -491,7 +491,7 @@ def _invert_scaled(matrices: Array) -> Array:
     """Return the inverses of compliances (n, 6, 6), scaled to a unit diagonal to keep digits."""
     root = np.sqrt(np.einsum("nii->ni", matrices))
     scale = 1.0 / (root[:, :, None] * root[:, None, :])
-    out = np.linalg.inv(matrices * scale) * scale
+    out: Array = np.linalg.inv(matrices * scale) * scale
     return 0.5 * (out + out.mT)
 
 
