@@ -15,12 +15,17 @@ from OCP.BOPAlgo import BOPAlgo_ArgumentAnalyzer
 from OCP.BOPTools import BOPTools_AlgoTools3D
 from OCP.BRep import BRep_Builder, BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Surface
-from OCP.BRepAlgoAPI import BRepAlgoAPI_Common
+from OCP.BRepAlgoAPI import (
+    BRepAlgoAPI_Common,
+    BRepAlgoAPI_Section,
+    BRepAlgoAPI_Splitter,
+)
 from OCP.BRepBndLib import BRepBndLib
 from OCP.BRepBuilderAPI import (
     BRepBuilderAPI_MakeEdge,
     BRepBuilderAPI_MakeVertex,
     BRepBuilderAPI_MakeWire,
+    BRepBuilderAPI_Sewing,
 )
 from OCP.BRepCheck import BRepCheck_Analyzer
 from OCP.BRepExtrema import BRepExtrema_DistShapeShape
@@ -29,6 +34,7 @@ from OCP.BRepGProp import BRepGProp, BRepGProp_Face
 from OCP.BRepLib import BRepLib
 from OCP.BRepMesh import BRepMesh_IncrementalMesh
 from OCP.BRepTools import BRepTools
+from OCP.collections import List_TopoDS_Shape
 from OCP.GeomAbs import GeomAbs_CurveType
 from OCP.GeomAPI import GeomAPI_ProjectPointOnSurf
 from OCP.gp import (
@@ -47,6 +53,8 @@ from OCP.gp import (
 from OCP.GProp import GProp_GProps
 from OCP.Message import Message, Message_PrinterOStream
 from OCP.ShapeAnalysis import ShapeAnalysis_CanonicalRecognition
+from OCP.ShapeFix import ShapeFix_Shape, ShapeFix_Solid
+from OCP.ShapeUpgrade import ShapeUpgrade_UnifySameDomain
 from OCP.TopAbs import TopAbs_Orientation, TopAbs_ShapeEnum
 from OCP.TopExp import TopExp_Explorer
 from OCP.TopLoc import TopLoc_Location
@@ -199,6 +207,15 @@ def borders(shape: Shape) -> dict[tuple[int, int], list[Edge]]:
     return found
 
 
+def corner_numbers(shape: Shape) -> list[frozenset[int]]:
+    """Return the numbers of the vertices of each face; faces that touch have a common one."""
+    numbers = Numbering()
+    return [
+        frozenset(numbers.number_shape(each) for each in vertices(face))
+        for face in faces(shape)
+    ]
+
+
 def normal_angle(edge: Edge, beside: tuple[Face, Face]) -> float:
     """Return the angle (rad) between the outward normals of two faces at a common edge."""
     normals = []
@@ -252,13 +269,68 @@ def diagonal(shape: Shape) -> float:
     )
 
 
-def self_intersects(shape: Shape) -> bool:
-    """Return whether faces or edges intersect other than at shared borders."""
+def find_interferences(shape: Shape) -> list[tuple[Floats, float]]:
+    """Return where faces, edges or vertices interfere other than at shared borders.
+
+    Neighbours within their tolerances count, which many sound solids have.
+
+    Returns
+    -------
+    list
+        Place (3,), and the size of what interferes if it is one face with itself, else 0.
+    """
     analyzer = BOPAlgo_ArgumentAnalyzer()
     analyzer.SetShape1(shape)
     analyzer.SelfInterMode = True
     analyzer.Perform()
-    return analyzer.HasFaulty()
+    found = []
+    for each in analyzer.GetCheckResult() if analyzer.HasFaulty() else ():
+        some = list(each.GetFaultyShapes1())
+        if len(some) > 1:
+            search = BRepExtrema_DistShapeShape(some[0], some[1])
+            ends = [search.PointOnShape1(1), search.PointOnShape2(1)]
+            found.append((np.mean([xyz(end) for end in ends], axis=0), 0.0))
+        else:
+            limits = bounds(some[0] if some else shape)
+            found.append(
+                (limits.mean(axis=0), float(np.linalg.norm(np.ptp(limits, axis=0))))
+            )
+    return found
+
+
+def find_fault(shape: Shape) -> Floats | None:
+    """Return the place (3,) of the first face that the kernel finds invalid; None if none is."""
+    analyzer = BRepCheck_Analyzer(shape)
+    for face in faces(shape):
+        some = [face, *edges(face), *vertices(face)]
+        if not all(analyzer.IsValid(each) for each in some):
+            return bounds(face).mean(axis=0)
+    return None
+
+
+def heal_solid(shape: Shape) -> tuple[Shape, list[str]]:
+    """Return a shape with its faults mended as far as the kernel can, and what was done."""
+    done = []
+    fix = ShapeFix_Shape(shape)
+    if fix.Perform():
+        done.append("faces, wires and tolerances fixed")
+    healed = fix.Shape()
+    if not is_valid(healed) or not solids(healed):
+        sewing = BRepBuilderAPI_Sewing(1e-2)
+        for face in faces(healed):
+            sewing.Add(face)
+        sewing.Perform()
+        sewn = sewing.SewedShape()
+        shells = _list_distinct(sewn, TopAbs_ShapeEnum.TopAbs_SHELL, TopoDS.Shell)
+        if len(shells) == 1:
+            healed = ShapeFix_Solid().SolidFromShell(shells[0])
+            done.append("faces sewn within 0.01 mm")
+    if not is_valid(healed):
+        unify = ShapeUpgrade_UnifySameDomain(healed, True, True, False)
+        unify.Build()
+        healed = unify.Shape()
+        done.append("faces of one surface united")
+    return healed, done
 
 
 def surface_under(face: Face) -> tuple[str, Any]:
@@ -390,6 +462,79 @@ def common_area(faces: tuple[Face, Face], step: Floats) -> tuple[float, Floats]:
     cut = BRepAlgoAPI_Common(faces[0], faces[1].Moved(TopLoc_Location(move)))
     found = area_properties(cut.Shape() if cut.IsDone() else compound())
     return float(found.Mass()), xyz(found.CentreOfMass())
+
+
+def common_outline(faces: tuple[Face, Face], step: Floats) -> list[Edge]:
+    """Return the borders of the common of plane faces, the second moved by ``step``, mm."""
+    move = gp_Trsf()
+    move.SetTranslation(gp_Vec(*step.tolist()))
+    cut = BRepAlgoAPI_Common(faces[0], faces[1].Moved(TopLoc_Location(move)))
+    return edges(cut.Shape()) if cut.IsDone() else []
+
+
+def section(face: Face, point: Floats, normal: Floats) -> list[Edge]:
+    """Return the edges in which a plane through a point (3,) cuts a face."""
+    plane = gp_Pln(gp_Pnt(*point.tolist()), gp_Dir(*normal.tolist()))
+    cut = BRepAlgoAPI_Section(face, plane, False)
+    cut.Build()
+    return edges(cut.Shape()) if cut.IsDone() else []
+
+
+def is_seam(edge: Edge, face: Face) -> bool:
+    """Return whether an edge is where a closed face meets itself."""
+    return bool(BRep_Tool.IsClosed_s(edge, face))
+
+
+def middle_of_edge(edge: Edge) -> Floats:
+    """Return the point (3,) at the middle of an edge's parameters."""
+    curve = BRepAdaptor_Curve(edge)
+    return xyz(curve.Value(0.5 * (curve.FirstParameter() + curve.LastParameter())))
+
+
+def inner_point(face: Face) -> Floats:
+    """Return a point (3,) near a face, well within its borders: of its largest triangle."""
+    size = diagonal(face)
+    ((nodes, triangles),) = triangulate(face, 0.01 * size, 0.3)
+    if not len(triangles):
+        return middle_of(face)[0]
+    corners = nodes[triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    largest = int(np.argmax(np.linalg.norm(normals, axis=1)))
+    return corners[largest].mean(axis=0)
+
+
+def imprint_lines(
+    solid: Solid, lines: list[Edge]
+) -> tuple[Solid, dict[int, tuple[int, ...]]] | None:
+    """Split a solid's faces along edges that lie on them; None if that gives no valid solid.
+
+    Returns
+    -------
+    tuple
+        The solid, and the indices of the pieces of each face, by its former index.
+    """
+    arguments, tools = List_TopoDS_Shape(), List_TopoDS_Shape()
+    arguments.Append(solid)
+    for line in lines:
+        tools.Append(line)
+    split = BRepAlgoAPI_Splitter()
+    split.SetArguments(arguments)
+    split.SetTools(tools)
+    split.Build()
+    found = solids(split.Shape()) if split.IsDone() else []
+    if len(found) != 1 or not is_valid(found[0]):
+        return None
+    numbers = Numbering()
+    for face in faces(found[0]):
+        numbers.number_shape(face)
+    count = numbers.count
+    pieces = {}
+    for index, face in enumerate(faces(solid)):
+        made = [TopoDS.Face(each) for each in split.Modified(face)] or [face]
+        pieces[index] = tuple(numbers.number_shape(each) for each in made)
+    if numbers.count > count:  # a piece that the solid has not
+        return None
+    return found[0], pieces
 
 
 def volume_properties(shape: Shape) -> GProp_GProps:

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+_FINER = 3  # times that a tessellation with gaps is made finer, each by a factor of 5
 SMOOTH = np.deg2rad(
     20.0
 )  # the mesher keeps no edges between faces whose normals differ by less
@@ -166,7 +167,9 @@ def surface(part: Part, deflection: float = 5e-4, angle: float = 0.8) -> Surface
     angle
         Largest angle between neighbouring chords, rad.
     """
-    vertices, triangles, face_of_triangle = tessellate(part.solid, deflection, angle)
+    vertices, triangles, face_of_triangle = tessellate_closed(
+        part.solid, deflection, angle
+    )
     gaps = open_edges(triangles)
     require(
         not gaps,
@@ -194,6 +197,20 @@ def tessellate(
     a, b, c = triangles.T
     kept = (a != b) & (b != c) & (c != a)
     return vertices * 1e-3, triangles[kept], face_of_triangle[kept]
+
+
+def tessellate_closed(
+    solid: "Solid", deflection: float, angle: float
+) -> tuple[Floats, Ints, Ints]:
+    """Do as `tessellate`, up to a hundred times finer where the surface has gaps otherwise."""
+    found = tessellate(solid, deflection, angle)
+    for _ in range(_FINER):
+        if not open_edges(found[1]):
+            break
+        deflection *= 0.2
+        angle = max(0.5 * angle, 0.1)
+        found = tessellate(solid, deflection, angle)
+    return found
 
 
 def _merge_nodes(nodes: Floats) -> tuple[Floats, Ints]:

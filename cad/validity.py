@@ -1,25 +1,35 @@
 """Validity of a solid for meshing: one closed solid of positive volume, not self-intersecting."""
 
+import logging
 from collections.abc import Callable
 
 import numpy as np
 
 from stiffscope.cad import kernel
 from stiffscope.cad.kernel import Shape, Solid
-from stiffscope.cad.part import open_edges, tessellate
+from stiffscope.cad.part import open_edges, tessellate, tessellate_closed
 from stiffscope.errors import InputError
 
+log = logging.getLogger(__name__)
 SMALLEST = 1.0
 LARGEST = 40e3  # mm: bounding box diagonal; outside, the unit is probably wrong
 FARTHEST = 1e7  # mm: a coordinate; farther away, meshes lack digits
+_CHANGE = 1e-3  # of the volume: what healing may change
+_ENVELOPE = (
+    3e-4  # of the diagonal: of a mesher's envelope, which is no smaller by default
+)
+_REACHES = 4.0, 16.0, 64.0  # envelopes: radii of the balls in which points are drawn
+_SAMPLES = 128
+_MEASURED = 24  # points in each ball, and of those of another winding number
 THINNEST = 0.01  # mm: twice the volume over the area, a sheet's thickness; thinner ones cannot be meshed
 
 
 def valid_solid(shape: Shape, name: str) -> Solid:
     """Return the single solid of a shape, with outward normals.
 
-    A valid shape is exactly one solid without loose faces, whose faces meet only at their borders,
-    consistent, closed, of positive volume, of a size between `SMALLEST` and `LARGEST`, nowhere beyond
+    A valid shape is exactly one solid without loose faces, whose faces meet only at their borders
+    (but for what a mesher's envelope passes over), consistent (or healed, which is logged), closed,
+    of positive volume, of a size between `SMALLEST` and `LARGEST`, nowhere beyond
     `FARTHEST`, and of a mean thickness of at least `THINNEST`.
     Self-intersection of a face is detected if it is free-form, not if it is a whole spindle torus.
 
@@ -54,12 +64,10 @@ def valid_solid(shape: Shape, name: str) -> Solid:
     if not SMALLEST <= size <= LARGEST:
         valid = f"a solid {SMALLEST:g} to {LARGEST:g} mm large (check its units)"
         raise refuse(f"{size:.3g} mm", valid)
-    if kernel.self_intersects(solid):
-        raise refuse(
-            "a self-intersecting solid", "a solid whose faces meet only at their edges"
-        )
-    _check_closed(solid, refuse)
+    if not kernel.is_valid(solid):
+        solid = _heal(solid, name, refuse)
     solid = kernel.orient_solid(solid)
+    _check_surface(solid, refuse)
     volume = kernel.volume_properties(solid).Mass()
     if not (np.isfinite(volume) and volume > 1e-9 * size**3):
         raise refuse(
@@ -73,11 +81,124 @@ def valid_solid(shape: Shape, name: str) -> Solid:
     return solid
 
 
-def _check_closed(solid: Solid, refuse: Callable[[str], InputError]) -> None:
-    if not kernel.is_valid(solid):
-        raise refuse(
-            "a solid that the CAD kernel finds invalid (repair it, or export it again)"
-        )
-    gaps = open_edges(tessellate(solid, 5e-4, 0.8)[1])
+def _check_surface(solid: Solid, refuse: Callable[[str], InputError]) -> None:
+    """Refuse a solid with gaps, or that overlaps itself."""
+    surface = tessellate_closed(solid, 5e-4, 0.8)[:2]
+    gaps = open_edges(surface[1])
     if gaps:
         raise refuse(f"a solid that is not watertight ({gaps} open edges)")
+    overlap = find_overlap(solid, surface)
+    if overlap is not None:
+        raise refuse(
+            f"a self-intersecting solid at {_place(overlap)}",
+            "a solid whose faces meet only at their edges",
+        )
+
+
+def _heal(solid: Solid, name: str, refuse: Callable[[str], InputError]) -> Solid:
+    """Return a solid that the kernel finds invalid, healed; log what was done."""
+    before = kernel.volume_properties(solid).Mass()
+    healed, done = kernel.heal_solid(solid)
+    found = kernel.solids(healed)
+    change = np.inf
+    if len(found) == 1 and kernel.is_valid(found[0]):
+        after = kernel.volume_properties(kernel.orient_solid(found[0])).Mass()
+        change = abs(after - abs(before)) / max(after, 1e-300)
+    if not change < _CHANGE:
+        _check_surface(solid, refuse)
+        at = kernel.find_fault(solid)
+        where = "" if at is None else f" at {_place(at)}"
+        raise refuse(
+            f"a solid that the CAD kernel finds invalid{where} (repair it, or export it again)"
+        )
+    log.warning(
+        "%s: healed, as the CAD kernel finds it invalid: %s (volume %+.2g %%)",
+        name,
+        ", ".join(done) or "tolerances",
+        100.0 * change,
+    )
+    return found[0]
+
+
+def _place(point: np.ndarray) -> str:
+    return f"({', '.join(f'{each:.6g}' for each in point)}) mm"
+
+
+def find_overlap(
+    solid: Solid, surface: tuple[np.ndarray, np.ndarray]
+) -> np.ndarray | None:
+    """Return a place (3,), mm, where a solid overlaps itself by more than a mesher passes over.
+
+    Where the kernel finds neighbours that interfere, which may be within their tolerances, the
+    surface winds once around each point inside, and not at all around one outside: another
+    number at points farther than `envelope` from the surface is an overlap. None without any.
+
+    Parameters
+    ----------
+    solid
+        Solid, mm, with outward normals.
+    surface
+        Vertices (n, 3), m, and triangles (t, 3) of its closed tessellation.
+    """
+    places = kernel.find_interferences(solid)
+    if not places:
+        return None
+    depth = envelope(solid)
+    fine = tessellate(solid, 0.25e-3 * depth, 0.4)[:2]
+    vertices, triangles = surface if open_edges(fine[1]) else fine
+    corners = 1e3 * vertices[triangles]
+    shell = kernel.compound(*kernel.faces(solid))
+    rng = np.random.default_rng(0)
+    judged: list[np.ndarray] = []
+    for place, size in places:
+        if any(np.linalg.norm(place - other) < depth for other in judged):
+            continue
+        if not size:
+            judged.append(place)
+        radii = [0.5 * size] if size else [reach * depth for reach in _REACHES]
+        for radius in radii:
+            points = place + radius * _draw_ball(rng, _SAMPLES)
+            turns = count_turns(points, corners)
+            odd = points[(turns < -0.5) | (turns > 1.5)]
+            for point in odd[:_MEASURED]:
+                if kernel.distance(shell, point) > 0.5 * depth:
+                    return point
+    return None
+
+
+def envelope(solid: Solid) -> float:
+    """Return the distance, mm, within which a mesher follows a solid's surface."""
+    volume = abs(kernel.volume_properties(solid).Mass())
+    thickness = 2.0 * volume / kernel.area_properties(solid).Mass()
+    size = kernel.diagonal(solid)
+    return min(_ENVELOPE * size, max(0.1 * thickness, 0.1 * _ENVELOPE * size))
+
+
+def count_turns(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Return the winding numbers (n,) of closed triangles (t, 3, 3) around points (n, 3).
+
+    References
+    ----------
+    A. van Oosterom, J. Strackee, The solid angle of a plane triangle, IEEE Trans. Biomed. Eng. 30
+    (1983) 125-126.
+    """
+    out = np.empty(len(points))
+    for k, point in enumerate(points):
+        a, b, c = np.moveaxis(corners - point, 1, 0)
+        la, lb, lc = (np.sqrt(np.einsum("ti,ti->t", each, each)) for each in (a, b, c))
+        top = np.einsum("ti,ti->t", a, np.cross(b, c))
+        below = (
+            la * lb * lc
+            + np.einsum("ti,ti->t", a, b) * lc
+            + np.einsum("ti,ti->t", b, c) * la
+            + np.einsum("ti,ti->t", c, a) * lb
+        )
+        out[k] = np.arctan2(top, below).sum() / (2.0 * np.pi)
+    return out
+
+
+def _draw_ball(rng: np.random.Generator, count: int) -> np.ndarray:
+    """Return points (count, 3) spread evenly in the unit ball."""
+    ways = rng.normal(size=(count, 3))
+    ways /= np.linalg.norm(ways, axis=1)[:, None]
+    return ways * rng.uniform(size=(count, 1)) ** (1.0 / 3.0)

@@ -32,6 +32,11 @@ EXTENDED = {
         "test_backlash_of_a_rotary_drive_with_two_slopes_is_found_adopted_and_found_no_more",
         "test_pictures_of_a_diagnosis_are_kept",
     ),
+    "lobes/test_stability.py": (
+        "test_simulations_in_the_time_domain_agree[2-0.0005-True]",
+        "test_simulations_in_the_time_domain_agree[3-0.007-True]",
+        "test_simulations_in_the_time_domain_agree[4-0.01-True]",
+    ),
     "parts/test_experiment_options.py": (
         "test_a_foundation_gives_way_and_the_superelement_holds_the_part",
         "test_a_tolerance_that_is_not_met_is_told_in_one_line",

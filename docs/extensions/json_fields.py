@@ -239,6 +239,16 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             ),
             "links?": ("`urdf`: number of links", ""),
             "cut_joints?": ("`urdf`: joints that close loops, which are cut", ""),
+            "damping?": ("`statespace`: damping ratio of every mode", "1"),
+            "axes?": ("`compensation`: axes of the grid", ""),
+            "before?": (
+                "`compensation`: greatest error between grid points without corrections",
+                "m",
+            ),
+            "left?": (
+                "`compensation`: the same with interpolated corrections",
+                "m",
+            ),
         },
     ),
     "modes": (
@@ -1072,6 +1082,7 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
         {
             "campaigns": ("number of campaigns per robot", ""),
             "seed": ("random seed", ""),
+            "machine": ("whose mechanics was measured: `own` or `exudyn`", ""),
             "seconds": ("wall time", "s"),
             **SHARES,
             "held_out_over_noise": (

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from stiffscope.errors import InputError
+from stiffscope.registry import registered
 from stiffscope.report.progress import progress
 from stiffscope.report.terminal import record_shown, show_line
 from stiffscope.robot.inspection import doubt_parts
@@ -154,6 +155,9 @@ def warn_of_robot(made: Assembled, *, parts: bool = True) -> None:
         warn_of_parts(made.results.values())
     for remark in doubt_parts(made.robot):
         log.warning("%s: %s", made.robot.path, remark)
+    for doubt in (d for find in registered("doubts") for d in find(made.robot)):
+        if doubt.warning:
+            log.warning("%s is %s", ", ".join(doubt.solids), doubt.text)
     for (room, name, *field), text in made.robot.source.changed.items():
         printed = room == "parts" and getattr(
             made.robot.parts.get(str(name)), "published", None

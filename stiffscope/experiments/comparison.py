@@ -86,9 +86,11 @@ def _list_sources(robot: RobotFile, name: str) -> dict[str, np.ndarray | None]:
     if "beam" in part.sources:
         simple = parts_of.beam_compliance(robot, name, euler_bernoulli)
         beam = parts_of.beam_compliance(robot, name)
+    # a matrix that was published is not of a part of another shape or material
+    own = parts_of.is_published_part(robot, name)
     known = {n for n, each in robot.parts.items() if getattr(each, "published", None)}
     by_formula = isinstance(part, ParametricPart) and part.made.published == "formula"
-    if name in known or (known and by_formula):
+    if own and (name in known or (known and by_formula)):
         printed = parts_of.published_compliance(robot, name)
     return {"euler_bernoulli": simple, "timoshenko": beam, "published": printed}
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import inspect
 import re
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +15,6 @@ from stiffscope.errors import InputError
 from stiffscope.vjm.elements.laws import without_laws
 from stiffscope.vjm.kinematics.mobility import mobility
 from stiffscope.vjm.model.checks import BASE, GROUND, TOOL
-from stiffscope.vjm.model.joints import DRIVEN
 from stiffscope.vjm.network.network import END, FOOT, list_elements, place_nodes
 from stiffscope.vjm.network.order import find_order
 from stiffscope.vjm.statics.analysis import compliance
@@ -129,6 +128,8 @@ def _mount(first: str, second: str, at: Array, change: Change) -> dict[str, Any]
     """Return a joint that yields, below the robot or behind its tool."""
     return {
         "kind": "fixed",
+        "free": [],
+        "driven": None,
         "between": [first, second],
         "at": at,
         "axes": np.eye(3),
@@ -169,6 +170,8 @@ def _tabulate_joint(element: Element, ends: list[str]) -> dict[str, Any]:
     law = None if joint.drive is None else joint.drive.law
     out = {
         "kind": joint.kind,
+        "free": list(joint.type.free),
+        "driven": joint.type.driven,
         "between": ends,
         "at": element.at,
         "axes": element.axes,
@@ -177,10 +180,10 @@ def _tabulate_joint(element: Element, ends: list[str]) -> dict[str, Any]:
         "spring": joint.spring,
         "law": None,
     }
-    if joint.kind == "universal":
-        out["axis2"] = joint.axis2
-    if law is not None:
-        along = DRIVEN[joint.kind]
+    if joint.cross:
+        out["axis2"] = joint.cross[1]
+    along = joint.type.driven
+    if law is not None and along is not None:
         others = np.delete(bearing[along], along)
         if others.any():
             raise InputError(
@@ -248,7 +251,9 @@ tool's small displacement under the robot's weight and lacks of fit, drives held
 A compliance is that of a body's later ends, its first clamped, in its axes at these ends, or of a
 joint's second side in the joint's axes. A pose moves each body from home by x = R x_home + p
 ("turned": rotation vector of R, "moved": p). An "offset" is the twist of an element's unloaded
-second end. "idle": axes of motions that nothing resists; a weak spring holds them.
+second end. "free": a joint's free motions among x y z rx ry rz along its axes, numbered from 0; the
+second of a joint with "axis2" is about that axis of its second body. "idle": axes of motions that
+nothing resists; a weak spring holds them.
 """
 
 {imports}
@@ -269,9 +274,8 @@ _CUT = "# --- copied into exported models from here ---\n"
 
 def write_script(robot: str, model: dict[str, Any]) -> str:
     """Return a script of tables and code that needs numpy, scipy and EXUDYN alone."""
-    from stiffscope.exports import exudyn_robot
-
-    source = re.sub(r" +# noqa.*", "", inspect.getsource(exudyn_robot))
+    file = Path(__file__).with_name("exudyn_robot.py")
+    source = re.sub(r" +# noqa.*", "", file.read_text(encoding="utf-8"))
     head, _, runtime = source.partition(_CUT)
     return SCRIPT.format(
         robot=robot,

@@ -1,3 +1,5 @@
+# pyright: reportArgumentType=false, reportCallIssue=false, reportAssignmentType=false
+# pyright: reportOptionalSubscript=false, reportMissingImports=false (EXUDYN's stubs; an extra)
 """Robot in EXUDYN: rigid bodies, springs with full 6x6 stiffness, joints and superelements.
 
 It needs numpy and EXUDYN alone: an exported model is this module behind a robot's tables.
@@ -19,17 +21,6 @@ from exudyn import itemInterface as item  # noqa: N813 (a module)
 
 # --- copied into exported models from here ---
 
-FREE = {
-    "fixed": (),
-    "revolute": (3,),
-    "prismatic": (0,),
-    "cylindrical": (3, 0),
-    "universal": (3,),
-    "spherical": (3, 4, 5),
-    "planar": (1, 2, 3),
-}
-"""Free motions among x y z rx ry rz along a joint's axes; a universal joint adds its second axis."""
-DRIVEN = {"revolute": 3, "prismatic": 0, "cylindrical": 0}
 RANK = 1e-9  # relative singular value below which a direction has no compliance
 STRAIGHT = (1.0, 0.5, 0.2, 0.05, 0.01, 1e-3, 1e-6)
 """Shares of a straight law in that of a drive with a curve, in turn: Newton's method does not
@@ -363,20 +354,17 @@ class Robot:
         first, second = joint["between"]
         home = np.array(joint["axes"])
         axes = self.turn(first) @ home
-        kind = joint["kind"]
-        motions = [np.eye(6)[k] for k in FREE[kind]]
-        if kind == "universal":
+        motions = [np.eye(6)[k] for k in joint["free"]]
+        if "axis2" in joint:
             second_axis = axes.T @ self.turn(second) @ np.array(joint["axis2"])
-            motions.append(np.concatenate([np.zeros(3), second_axis]))
+            motions[1] = np.concatenate([np.zeros(3), second_axis])
         compliance = np.array(joint["compliance"])
         curved = joint["law"] is not None and not self.linear
         resists = joint["drive"] or joint["spring"]
         free: list[Any] = []
-        for k, motion in enumerate(motions):
-            sprung = joint["spring"] or (
-                joint["drive"] and FREE[kind][k] == DRIVEN[kind]
-            )
-            if sprung and not curved:
+        for k, motion in zip(joint["free"], motions, strict=True):
+            driven = joint["drive"] and k == joint["driven"]
+            if (joint["spring"] or driven) and not curved:
                 compliance = compliance + np.outer(motion, motion) / resists
             else:
                 free.append(motion)
@@ -386,7 +374,7 @@ class Robot:
         end = (second, place, axes)
         self.connect(name, start, end, compliance, columns)
         if curved:
-            along = DRIVEN[kind]
+            along = joint["driven"]
             starts, slopes = (
                 np.array(joint["law"][key]) for key in ("starts", "slopes")
             )
@@ -560,8 +548,8 @@ class Robot:
         body = self.model["tool"]["body"]
         kind = exu.OutputVariableType
         moved = self.mbs.GetNodeOutput(self.nodes[body], kind.Displacement)
-        turn = self.mbs.GetNodeOutput(self.nodes[body], kind.RotationMatrix).reshape(
-            3, 3
+        turn = np.reshape(
+            self.mbs.GetNodeOutput(self.nodes[body], kind.RotationMatrix), (3, 3)
         )
         arm = self.tool - self.places[body]
         return np.concatenate([moved + turn @ arm - arm, vector_of(turn)])

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import block_diag, cholesky, eigh, solve_triangular
+from scipy.linalg import cholesky, eigh, solve_triangular
 
 from stiffscope.vjm.model.bodies import rigid_motions
 from stiffscope.vjm.model.screws import shift
@@ -25,7 +25,8 @@ from stiffscope.vjm.model.screws import shift
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from stiffscope.vjm.model.bodies import Body
+    from stiffscope.vjm.model.bodies import Body, Elastic
+    from stiffscope.vjm.model.dynamics import Dynamics
     from stiffscope.vjm.model.screws import Array
 
 _SEEN = 1e-3  # square root of a mode's share of the mass, below which it moves none
@@ -74,6 +75,13 @@ class FloatingBody:
     springs: Springs
 
 
+def elastic_of(body: Body) -> Elastic:
+    """Return the elasticity of an elastic body."""
+    if body.elastic is None:
+        raise TypeError(f"{body.name} is rigid")
+    return body.elastic
+
+
 def float_body(
     body: Body,
     root: int,
@@ -102,8 +110,7 @@ def float_body(
     FloatingBody
         Of the same compliance and, as far as frequencies below ``highest``, of the same mass matrix.
     """
-    elastic = body.elastic
-    assert elastic is not None  # noqa: S101
+    elastic = elastic_of(body)
     count = len(elastic.ends)
     order = (root, *(k for k in range(count) if k != root))
     local = (elastic.places - elastic.places[root]) @ elastic.axes
@@ -121,7 +128,7 @@ def float_body(
         masses = np.full(count, body.mass / count)
         springs = diagonalize(strain.T @ stiffness @ strain, None, highest)
         return FloatingBody(order, 0.0, centre, np.zeros((3, 3)), masses, 0, springs)
-    return _with_dynamics(body, order, places, stiffness, highest)
+    return _with_dynamics(elastic.dynamics, order, places, stiffness, highest)
 
 
 def clamped_stiffness(body: Body, root: int, smallest: Array) -> Array:
@@ -130,8 +137,7 @@ def clamped_stiffness(body: Body, root: int, smallest: Array) -> Array:
     The ends keep the order of the body. Directions in which it is rigid have the ``smallest``
     compliances (6,).
     """
-    elastic = body.elastic
-    assert elastic is not None  # noqa: S101
+    elastic = elastic_of(body)
     m = len(elastic.ends) - 1
     inner = np.linalg.inv(_fill(elastic.compliance, np.tile(smallest, m)))
     if root == 0:
@@ -174,10 +180,13 @@ def _chain(places: Array, centre: Array | None) -> Array:
 
 
 def _with_dynamics(
-    body: Body, order: tuple[int, ...], places: Array, stiffness: Array, highest: float
+    dynamics: Dynamics,
+    order: tuple[int, ...],
+    places: Array,
+    stiffness: Array,
+    highest: float,
 ) -> FloatingBody:
     """Return the chain of a body with a consistent mass and fixed-interface modes."""
-    dynamics = body.elastic.dynamics  # pyright: ignore[reportOptionalMemberAccess]
     size = dynamics.ends_size
     modes = len(dynamics.squares)
     rows = [np.arange(6 * k, 6 * k + 6) for k in order]
@@ -189,7 +198,9 @@ def _with_dynamics(
     mass = carry.T @ mass @ carry
     total, centre, inertia = _rigid_inertia(mass[:6, :6])
     to_centre = shift(centre)
-    own = block_diag(total * np.eye(3), inertia)
+    own: Array = np.zeros((6, 6))
+    own[:3, :3] = total * np.eye(3)
+    own[3:, 3:] = inertia
     coupled = np.linalg.solve(to_centre.T, mass[:6, 6:])
     mean = np.linalg.solve(
         own, coupled

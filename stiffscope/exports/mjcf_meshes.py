@@ -63,7 +63,7 @@ def add_meshes(writer: Writer, assembled: Assembled) -> None:
 def _statistic(assembled: Assembled) -> ET.Element:
     """Return where a camera finds the robot."""
     mechanism = assembled.mechanism
-    points = np.array([j.at for j in mechanism.joints] + [mechanism.tool.at])
+    points: Array = np.array([*(j.at for j in mechanism.joints), mechanism.tool.at])
     middle = 0.5 * (points.min(axis=0) + points.max(axis=0))
     out = ET.Element("statistic", center=numbers(middle.round(_DIGITS)))
     size = max(float(np.ptp(points, axis=0).max()), 0.01)

@@ -12,6 +12,7 @@ import numpy as np
 from stiffscope.exports.floating_body import (
     clamped_stiffness,
     diagonalize,
+    elastic_of,
     float_body,
 )
 from stiffscope.exports.frames import compose, displacement, relative
@@ -42,9 +43,6 @@ MASSLESS = (
     1e-10  # kg, and kg·m²: of bodies that carry none; MuJoCo has no bodies without
 )
 SITE = "tool"
-_UNKNOWN = (
-    1e-3  # moment of inertia of a body that has none, over mass times squared size
-)
 
 
 @dataclass(frozen=True)
@@ -66,8 +64,10 @@ class Tuning:
         closes a loop, by joint and node; between a hundredth of ``rigid`` and ``rigid``.
     share
         Of the compliance next to a cut joint that the closure takes, at most.
+    unknown
+        Moment of inertia of bodies that have none, over mass times squared size.
     idle
-        Inertia of the joints of bodies that have no mass or inertia, kg.
+        Inertia of the joints of bodies that have no mass, kg.
     """
 
     highest: float
@@ -75,6 +75,7 @@ class Tuning:
     smallest: Array
     rigid: float
     share: float
+    unknown: float
     idle: float
     needed: Mapping[tuple[str, str], Array] = field(default_factory=dict)
 
@@ -103,7 +104,6 @@ class Writer:
     places: dict[str, tuple[ET.Element, Frame]] = field(default_factory=dict)
     coordinates: list[Coordinate] = field(default_factory=list)
     commands: list[tuple[str, str]] = field(default_factory=list)
-    closures: int = 0
 
     def __post_init__(self) -> None:
         self.world = ET.SubElement(self.root, "worldbody")
@@ -142,7 +142,7 @@ def write_tree(mechanism: Mechanism, name: str, tuning: Tuning) -> Writer:
         element = elements[branch.joint.name]
         if lost and branch.joint.drive is not None:
             stiffer = branch.joint.drive.add_compliance(-sum(lost))
-            element = replace(element, joint=replace(element.joint, drive=stiffer))
+            element = replace(element, joint=replace(_joint_of(element), drive=stiffer))
         _add_branch(writer, mechanism, branch, element, taken)
     for joint, closure in zip(tree.cuts, closures, strict=True):
         _add_closure(writer, joint, elements[joint.name], closure)
@@ -159,11 +159,21 @@ def _fold_drive(element: Element) -> Element:
     assert along is not None  # noqa: S101
     more = float(joint.compliance[along, along])
     rest = joint.compliance.copy()
+    coupled = np.delete(rest[along], along)
+    if coupled.any():
+        return element
     rest[along] = 0.0
     rest[:, along] = 0.0
     drive = joint.drive.add_compliance(more) if more else joint.drive
     bearing = rest if rest.any() else None
     return replace(element, joint=replace(joint, drive=drive, compliance=bearing))
+
+
+def _joint_of(element: Element) -> Joint:
+    """Return the joint of a joint's element, displaced if it is."""
+    if element.joint is None:
+        raise TypeError(f"{element.name} is no joint")
+    return element.joint
 
 
 def _add_base(writer: Writer, base: Element) -> None:
@@ -172,7 +182,7 @@ def _add_base(writer: Writer, base: Element) -> None:
     frame = Frame(base.axes, base.at)
     if base.factor.size or base.offset is not None:
         body, place = _add_body(writer, FOOT[1:-1], GROUND, frame, base.offset)
-        _add_bearing(writer, body, "base", frame, base.compliance)
+        _add_bearing(writer, body, "base", IDENTITY, base.compliance)
         _set_mass(body, 0.0, np.zeros(3), None, place)
         writer.places[FOOT] = body, place
 
@@ -183,7 +193,7 @@ def _add_tool(writer: Writer, mechanism: Mechanism, tool: Element) -> None:
     carrier = mechanism.tool.body
     if tool.factor.size or tool.offset is not None:
         body, place = _add_body(writer, f"{SITE}:end", carrier, frame, tool.offset)
-        _add_bearing(writer, body, "grip", frame, tool.compliance)
+        _add_bearing(writer, body, "grip", IDENTITY, tool.compliance)
         _set_mass(body, 0.0, np.zeros(3), None, place)
         writer.places[END] = body, place
         carrier = END
@@ -309,48 +319,47 @@ def _add_branch(
 ) -> None:
     """Add a joint and the body to which it leads."""
     parent = FOOT if branch.parent == GROUND else branch.parent
-    joint = element.joint
+    joint = _joint_of(element)
     body = mechanism.body(branch.body)
     frame = Frame(element.axes, element.at)
     home = Frame(np.eye(3), element.at)
+    end = 0
     if body.elastic is not None:
         end = body.nodes.index(branch.node)
         home = Frame(body.elastic.axes, body.elastic.places[end])
     extra = _lacking_inertia(mechanism, body, tuning=writer.tuning)
     compliance = joint.compliance
-    yields = compliance is not None and compliance.any()
+    if compliance is not None and not compliance.any():
+        compliance = None
     between = f"{joint.name}:bearing"
-    if branch.forward:
-        offset = element.offset
-        if yields or offset is not None:
-            middle, place = _add_body(writer, between, parent, frame, offset)
-            if yields:
-                _add_bearing(writer, middle, between, IDENTITY, compliance)
-            _set_mass(middle, 0.0, place.origin(), None, place)
-            writer.places[between] = middle, place
-            parent = between
+    sign = 1.0 if branch.forward else -1.0
+    offset = element.offset
+    if offset is not None and not branch.forward:
+        offset = -offset
+    if compliance is None and offset is None:
         entered, place = _add_body(writer, branch.node, parent, home)
-        _add_motions(writer, entered, place, joint, element, 1.0, extra)
+        _add_motions(writer, entered, place, joint, element, sign, extra)
     else:
-        offset = None if element.offset is None else -element.offset
-        if yields or offset is not None:
-            middle, place = _add_body(writer, between, parent, frame)
-            _add_motions(writer, middle, place, joint, element, -1.0, extra)
+        # A bearing has the axes of the first body and its place on the second: it slides, but
+        # does not turn, with the joint.
+        before, after = ("P", "RS") if branch.forward else ("RS", "P")
+        if any(kind in before for kind, _ in joint.motions):
+            middle, place = _add_body(writer, f"{joint.name}:between", parent, frame)
+            _add_motions(writer, middle, place, joint, element, sign, extra, before)
             _set_mass(middle, 0.0, place.origin(), None, place)
-            writer.places[between] = middle, place
-            entered, place = _add_body(
-                writer, branch.node, between, home, offset, frame
-            )
-            if yields:
-                local = relative(home, frame)
-                _add_bearing(writer, entered, between, local, compliance)
-        else:
-            entered, place = _add_body(writer, branch.node, parent, home)
-            _add_motions(writer, entered, place, joint, element, -1.0, extra)
+            parent = f"{joint.name}:between"
+            writer.places[parent] = middle, place
+        middle, place = _add_body(writer, between, parent, frame, offset)
+        if compliance is not None:
+            _add_bearing(writer, middle, between, IDENTITY, compliance)
+        _set_mass(middle, 0.0, place.origin(), None, place)
+        writer.places[between] = middle, place
+        entered, place = _add_body(writer, branch.node, between, home)
+        _add_motions(writer, entered, place, joint, element, sign, extra, after)
     writer.places[branch.node] = entered, place
     if body.elastic is None:
         centre = element.at if body.centre is None else body.centre
-        least = _UNKNOWN * body.mass * _measure(mechanism, body) ** 2
+        least = writer.tuning.unknown * body.mass * _measure(mechanism, body) ** 2
         _set_mass(entered, body.mass, centre, body.inertia, place, least)
         return
     _add_elastic(writer, body, end, taken)
@@ -371,7 +380,7 @@ def _lacking_inertia(
             return 0.0, 0.0
         points = body.elastic.places
         size = float(np.ptp(points, axis=0).max())
-        return 0.0, 0.1 * _UNKNOWN * max(body.mass, tuning.idle) * size**2
+        return 0.0, 0.1 * tuning.unknown * max(body.mass, tuning.idle) * size**2
     if body.mass > 0.0:
         return 0.0, 0.0
     return tuning.idle, tuning.idle * _measure(mechanism, body) ** 2
@@ -392,15 +401,18 @@ def _add_motions(
     element: Element,
     sign: float,
     extra: tuple[float, float],
+    kinds: str = "PRS",
 ) -> None:
-    """Add a joint's free motions to a body, with its drive or spring.
+    """Add a joint's free motions of some kinds to a body, with its drive or spring.
 
     ``extra``: armature of translations, kg, and rotations, kg·m².
     """
     back = place.matrix().T
     at = numbers(back @ (element.at - place.origin()))
-    motions = list(enumerate(element.joint.motions))
+    motions = list(enumerate(_joint_of(element).motions))
     for index, (kind, axis) in motions if sign > 0.0 else motions[::-1]:
+        if kind not in kinds:
+            continue
         several = len(motions) > 1
         name = f"{joint.name}:{index + 1}" if several else joint.name
         out = ET.SubElement(body, "joint", name=name, pos=at)
@@ -466,8 +478,7 @@ def _add_elastic(
     writer: Writer, body: Body, root: int, taken: Mapping[int, Array]
 ) -> None:
     """Add an elastic body's mean axes, further ends and springs to its root end."""
-    elastic = body.elastic
-    assert elastic is not None  # noqa: S101
+    elastic = elastic_of(body)
     tuning = writer.tuning
     chain = float_body(body, root, taken, tuning.smallest, tuning.highest)
     nodes = [body.nodes[k] for k in chain.order]
@@ -515,8 +526,7 @@ def _add_elastic(
 
 def _displace_ends(body: Body, root: int) -> Array:
     """Return the twists (n, 6) of unloaded ends relative to the root, in part axes."""
-    elastic = body.elastic
-    assert elastic is not None  # noqa: S101
+    elastic = elastic_of(body)
     out = np.zeros((len(elastic.ends), 6))
     if elastic.offset is None:
         return out
@@ -547,7 +557,7 @@ def _close_loops(
         frame = closure_frame(element)
         kind = "fixed" if is_loaded(joint) else joint.kind
         moved = len(joint.motions) if is_loaded(joint) else count_moved(kind)
-        own = element.joint.compliance
+        own = _joint_of(element).compliance
         if own is not None and own.any():
             local = _invert_used(own)
             stiffness = close_loop(kind, local, tuning.rigid, tuning.share)
@@ -557,7 +567,7 @@ def _close_loops(
         if side is None:
             driven = struts.get(joint.second) or struts.get(joint.first)
             least = tuning.rigid
-            if driven is not None:
+            if driven is not None and driven.drive is not None:
                 least = max(least, driven.drive.stiffness / tuning.share)
             stiffness = close_loop(kind, None, least, tuning.share)
             lost = np.zeros((6, 6))
@@ -572,11 +582,11 @@ def _close_loops(
         root = body.nodes.index(roots[body.name])
         whole = clamped_stiffness(body, root, tuning.smallest)
         row = 6 * (end - (end > root))
-        part = Frame(body.elastic.axes, body.elastic.places[end])
+        part = Frame(elastic_of(body).axes, elastic_of(body).places[end])
         ball = not is_loaded(joint) and joint.type.is_ball
-        least = tuning.rigid
+        least: float | Array = tuning.rigid
         if ball:
-            frame = Frame(body.elastic.axes, element.at)
+            frame = Frame(elastic_of(body).axes, element.at)
             needed = tuning.needed.get((joint.name, side), least)
             least = np.clip(needed, 0.01 * tuning.rigid, tuning.rigid)
         carry = relative(part, frame).adjoint()
@@ -628,7 +638,7 @@ def _invert_used(compliance: Array) -> Array:
 
 def closure_frame(element: Element) -> Frame:
     """Return the axes of a closure at home: of a universal joint, x is along its second axis."""
-    joint = element.joint
+    joint = _joint_of(element)
     if joint.cross is None:
         return Frame(element.axes, element.at)
     first, second = joint.cross
@@ -644,20 +654,22 @@ def _add_closure(
     )
     frame = Frame(element.axes, element.at)
     offset = element.offset
-    compliance = element.joint.compliance
-    if compliance is not None or offset is not None:
-        name = f"{joint.name}:bearing"
-        middle, place = _add_body(writer, name, first, frame, offset)
-        if compliance is not None:
+    compliance = _joint_of(element).compliance
+    slides = any(kind == "P" for kind, _ in _joint_of(element).motions)
+    steps = ["bearing", "moved"] if not slides else ["moved", "bearing"]
+    needed = {
+        "bearing": compliance is not None or offset is not None,
+        "moved": closure.moved > 0,
+    }
+    for step in filter(needed.get, steps):
+        name = f"{joint.name}:{step}"
+        shifted = offset if step == "bearing" else None
+        middle, place = _add_body(writer, name, first, frame, shifted)
+        if step == "moved":
+            _add_moved(writer, middle, joint, element, closure)
+        elif compliance is not None:
             lost = closure.compliance if closure.end == -1 else 0.0
             _add_bearing(writer, middle, name, IDENTITY, compliance - lost)
-        _set_mass(middle, 0.0, place.origin(), None, place)
-        writer.places[name] = middle, place
-        first = name
-    if closure.moved:
-        name = f"{joint.name}:moved"
-        middle, place = _add_body(writer, name, first, frame)
-        _add_moved(writer, middle, joint, element, closure)
         _set_mass(middle, 0.0, place.origin(), None, place)
         writer.places[name] = middle, place
         first = name
@@ -666,7 +678,6 @@ def _add_closure(
         axes = Frame(writer.places[closure.side][1].matrix(), element.at)
         if closure.side == second:
             first, second = second, first
-    writer.closures += 1
     for number, (along, direction, stiffness) in enumerate(
         hold_points(closure.stiffness), start=1
     ):
@@ -696,7 +707,7 @@ def _add_moved(
         extra = (float(held[:3].max()) / fastest, float(held[3:].max()) / fastest)
         _add_motions(writer, body, place, joint, element, 1.0, extra)
         return
-    for index, (kind, axis) in enumerate(element.joint.motions[: closure.moved]):
+    for index, (kind, axis) in enumerate(_joint_of(element).motions[: closure.moved]):
         name = f"{joint.name}:{index + 1}"
         out = ET.SubElement(body, "joint", name=name, axis=numbers(back @ axis))
         out.set("type", "hinge" if kind == "R" else "slide")

@@ -8,8 +8,6 @@ from importlib import import_module
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.exports import targets
-
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
@@ -17,6 +15,8 @@ if TYPE_CHECKING:
     from stiffscope.cli.poses import Asked
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.robot.file.description import RobotFile
+
+TARGETS = "stiffscope.exports.targets"
 
 
 @dataclass(frozen=True)
@@ -93,9 +93,10 @@ class Target:
 @cache
 def target_names() -> tuple[str, ...]:
     """Return the names of all targets without importing them."""
-    return tuple(sorted(module.name for module in iter_modules(targets.__path__)))
+    package = import_module(TARGETS)
+    return tuple(sorted(module.name for module in iter_modules(package.__path__)))
 
 
 def load_target(name: str) -> Target:
     """Return a target by its name."""
-    return import_module(f"{targets.__name__}.{name}").TARGET
+    return import_module(f"{TARGETS}.{name}").TARGET

@@ -234,7 +234,7 @@ def _add_link(root: ET.Element, body: Body, place: Frame) -> None:
         if i <= j
     }
     entries = {word: _numbers(inertia[at]) for word, at in words.items()}
-    ET.SubElement(inertial, "inertia", **entries)
+    ET.SubElement(inertial, "inertia", entries)
 
 
 def _numbers(values: object) -> str:
@@ -284,12 +284,13 @@ def _joint_facts(joint: Joint) -> dict[str, Any]:
     """Return the drive, the spring and the bearing of a joint."""
     out: dict[str, Any] = {"type": joint.kind}
     if joint.drive is not None:
-        out["drive"] = {"stiffness": float(joint.drive.stiffness)}
+        drive: dict[str, Any] = {"stiffness": float(joint.drive.stiffness)}
         law = joint.drive.law
         if law is not None:
-            out["drive"]["backlash"] = law.backlash
-            out["drive"]["starts"] = law.starts
-            out["drive"]["slopes"] = law.slopes
+            drive["backlash"] = law.backlash
+            drive["starts"] = law.starts
+            drive["slopes"] = law.slopes
+        out["drive"] = drive
     if joint.spring is not None:
         out["spring"] = {"stiffness": float(joint.spring), "rest": float(joint.rest)}
     if joint.compliance is not None:

@@ -30,20 +30,27 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from stiffscope.cad.assembly import Instance
+    from stiffscope.cad.assembly import Instance, Product
     from stiffscope.imports.import_record import ImportRecord
     from stiffscope.imports.part_motions import Freedom
 
 
 @dataclass(frozen=True, eq=False)
 class PartFile:
-    """An elastic part: name, solid of one of its bodies, material, interfaces' faces by name."""
+    """An elastic part: name, solid of one of its bodies, material, interfaces' faces by name.
+
+    ``distributed``: interfaces that are loaded evenly, as their faces touch those of another.
+    """
 
     name: str
     solid: Instance
     material: str
     interfaces: dict[str, tuple[int, ...]]
     bodies: list[str] = field(default_factory=list)
+    distributed: frozenset[str] = frozenset()
+    product: Product | None = None
+    """Its product as in the assembly, and places and areas of its faces by interface."""
+    places: dict[str, list[tuple[float, ...]]] = field(default_factory=dict)
 
 
 def interface_names(
@@ -131,9 +138,10 @@ def part_lines(parts: Sequence[PartFile], out: Path) -> list[str]:
         lines += [f"[{here}]", 'shape = "step"', f"file = {to_toml(file)}"]
         lines += [f"material = {to_toml(part.material)}"]
         for name, faces in part.interfaces.items():
-            lines.append(
-                f"interfaces.{toml_key(name)} = {_selectors(part.solid, faces)}"
-            )
+            chosen = _selectors(part.solid, faces)
+            if name in part.distributed:
+                chosen = f'{{ faces = {chosen}, interface = "distributed" }}'
+            lines.append(f"interfaces.{toml_key(name)} = {chosen}")
         lines.append("")
     several = {part.name + "s": part.bodies for part in parts if len(part.bodies) > 1}
     groups = [
@@ -178,7 +186,8 @@ def _selectors(solid: Instance, faces: Sequence[int]) -> str:
     for index in faces:
         face = solid.product.faces[index]
         shape = cad.kernel.faces(solid.product.solid)[index]
-        point = 1e-3 * cad.kernel.closest(shape, 1e3 * face.centroid)
+        inside = cad.kernel.inner_point(shape)  # no border, which is a neighbour's too
+        point = 1e-3 * cad.kernel.closest(shape, inside)
         size = (
             to_toml(f"{1e3 * face.radius:.9g} mm")
             if face.kind in {"cylinder", "sphere"}

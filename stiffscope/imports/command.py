@@ -62,6 +62,12 @@ def _said(name: str, metavar: str, text: str) -> Any:
         help='Of URDF and MJCF, another home than the model\'s: "elbow=90 deg". May be repeated.',
     ),
     click.option(
+        "--loops",
+        metavar="FILE.yaml",
+        type=options.PATH,
+        help="Of a URDF, its loops: pairs of frames in YAML (closed_loop, type).",
+    ),
+    click.option(
         "--ground", metavar="NAME", help="Of an assembly, the part that stands still."
     ),
     _said(
@@ -94,6 +100,7 @@ def import_(
     drives: Texts,
     tool: str | None,
     home: Texts,
+    loops: Path | None,
     output: Output,
     **said: Any,
 ) -> None:
@@ -107,6 +114,8 @@ def import_(
         if home:
             expected = "expected none for an assembly, whose home is as it stands"
             raise InputError(f"--home: {expected}, got some")
+        if loops is not None:
+            raise InputError("--loops: expected a URDF, got an assembly")
         given = Said(tool=tool, drive=drives, **said)
         with progress(quiet=output.quiet) as open_line:
             found = import_assembly(model, goal, given, open_line(model.name))
@@ -115,7 +124,7 @@ def import_(
     for name, value in said.items():
         if value and name != "material":
             raise InputError(f"--{name}: expected a STEP assembly, got {model.name}")
-    read = import_model(model, goal, drives, tool, home, said["material"])
+    read = import_model(model, goal, drives, tool, home, said["material"], loops)
     driven = ", ".join(each.partition("=")[0].strip() for each in drives) or "none"
     counts = f"{len(read.bodies)} bodies, {len(read.joints)} joints (driven: {driven})"
     emit(output, model_json(read, goal), lambda: show_written(read, goal, counts))

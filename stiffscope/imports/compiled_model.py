@@ -14,14 +14,17 @@ from xml.parsers import expat
 import numpy as np
 
 from stiffscope.errors import InputError, meant
+from stiffscope.imports.model_inertia import set_aside_inertias
+from stiffscope.imports.model_loops import close_loops
 from stiffscope.robot.file.quantities import ANGLE, LENGTH, to_si
-from stiffscope.robot.file.tables import unknown_key
+from stiffscope.robot.file.tables import list_some, unknown_key
 from stiffscope.runtime.reading import MOST_BYTES, read_text
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
+    from stiffscope.imports.model_loops import Loops
     from stiffscope.runtime.types import Array
 
 GROUND = "ground"
@@ -49,6 +52,17 @@ class CompiledModel:
     model: Any
     data: Any
     notes: list[str] = field(default_factory=list)
+    aside: Mapping[int, Array] = field(default_factory=dict)
+    """Impossible inertias (3, 3) as given, in the axes of each body, by its number."""
+
+    def find_inertia(self, body: int) -> Array:
+        """Return the inertia (3, 3) of a body about its centre of mass, base axes, as given."""
+        own = self.aside.get(body)
+        if own is not None:
+            axes = self.data.xmat[body].reshape(3, 3)
+            return axes @ own @ axes.T
+        axes = self.data.ximat[body].reshape(3, 3)
+        return axes @ np.diag(self.model.body_inertia[body]) @ axes.T
 
     @cached_property
     def movers(self) -> dict[int, str]:
@@ -123,18 +137,23 @@ def print_safely(text: str) -> str:
     return "".join(each if each.isprintable() else "_" for each in text)
 
 
-def compile_at_home(path: Path, home: Mapping[str, float]) -> CompiledModel:
+def compile_at_home(
+    path: Path, home: Mapping[str, float], loops: Loops | None = None
+) -> CompiledModel:
     """Compile a model, whose meshes need not exist, and evaluate its kinematics at home.
 
     ``home``: positions of hinges (rad) and slides (m); by default keyframe "home" or the zero pose.
+    ``loops``: loops of a URDF.
     Raises InputError if MuJoCo is missing, the file is not a model, or its loops do not close.
     """
     try:
         import mujoco
     except ImportError as error:
+        absent = isinstance(error, ModuleNotFoundError) and error.name == "mujoco"
+        got = "none" if absent else f"one that does not load ({_reason(error)})"
         raise InputError(
-            "import: expected the package mujoco, which reads URDF and MJCF, got none; "
-            "install it by: python -m pip install mujoco"
+            f"import: expected the package mujoco, which reads URDF and MJCF, got {got}; "
+            "install it by: python -m pip install --upgrade mujoco"
         ) from error
     content = read_text(path, _MODEL, MOST_BYTES).encode()
     doubts = _check_urdf(path, content) if is_urdf(content) else []
@@ -144,11 +163,13 @@ def compile_at_home(path: Path, home: Mapping[str, float]) -> CompiledModel:
     try:
         with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
-            model, notes = _compile(library, path, content)
+            model, notes, aside = _compile(library, path, content, loops)
         said += [str(each.message) for each in warned]
         _check_finite(path, model)
         model.opt.disableflags &= ~int(library.mjtDisableBit.mjDSBL_EQUALITY)
-        compiled = CompiledModel(library, path, model, library.MjData(model), notes)
+        compiled = CompiledModel(
+            library, path, model, library.MjData(model), notes, aside
+        )
         _go_home(compiled, home)
     finally:
         library.set_mju_user_warning(None)
@@ -164,8 +185,10 @@ def is_urdf(content: bytes) -> bool:
     return first is not None and first[1] == b"robot"
 
 
-def _compile(mj: Any, path: Path, content: bytes) -> tuple[Any, list[str]]:
-    """Return the compiled model and notes on omissions."""
+def _compile(
+    mj: Any, path: Path, content: bytes, loops: Loops | None
+) -> tuple[Any, list[str], dict[int, Array]]:
+    """Return the compiled model, notes on omissions, and impossible inertias by body."""
     many = re.search(rb"<replicate\b[^>]*\bcount\s*=\s*.0*[1-9]\d{4}", content)
     if many:
         line = content[: many.end()].count(b"\n") + 1
@@ -192,16 +215,22 @@ def _compile(mj: Any, path: Path, content: bytes) -> tuple[Any, list[str]]:
         )  # minimum mass and inertia, which moving bodies need to compile
         least.boundmass = max(least.boundmass, 1e-9)
         least.boundinertia = max(least.boundinertia, 1e-15)
+        balanced = bool(least.balanceinertia)
+        aside = set_aside_inertias(mj, spec)
+        notes = [] if loops is None else close_loops(mj, spec, loops)
+        if balanced and aside:
+            mean = "which would replace an inertia by its mean"
+            notes.append(f"balanceinertia of the source, {mean}, is not applied")
+        trial = spec.copy()
         try:
-            return spec.copy().compile(), []
+            model = trial.compile()
         except ValueError as error:
-            first = _reason(error)
-        kinds = mj.mjtGeom.mjGEOM_MESH, mj.mjtGeom.mjGEOM_HFIELD, mj.mjtGeom.mjGEOM_SDF
-        shapes = [each for each in spec.geoms if each.type in kinds]
-        others = spec.meshes, spec.textures, spec.materials, spec.hfields, spec.skins
-        for each in [*shapes, *chain(*others)]:
-            spec.delete(each)
-        model = spec.compile()
+            bare = "a body whose mass would come from a mesh has none here"
+            notes += [f"read without its meshes ({_reason(error)})", bare]
+            trial = spec
+            _drop_meshes(mj, trial)
+            model = trial.compile()
+        by_body = {int(trial.bodies[index].id): each for index, each in aside.items()}
     except InputError:
         raise
     except (ValueError, OSError, RuntimeError) as error:
@@ -210,8 +239,22 @@ def _compile(mj: Any, path: Path, content: bytes) -> tuple[Any, list[str]]:
         raise InputError(
             f"{_place(path, said)}: expected {expected}, got: {said}"
         ) from error
-    bare = "a body whose mass would come from a mesh has none here"
-    return model, [f"read without its meshes ({first})", bare]
+    return model, notes, by_body
+
+
+def _drop_meshes(mj: Any, spec: Any) -> None:
+    """Delete a spec's meshes and all that needs them; materials stay, without their textures."""
+    kinds = mj.mjtGeom.mjGEOM_MESH, mj.mjtGeom.mjGEOM_HFIELD, mj.mjtGeom.mjGEOM_SDF
+    shapes = [geom for geom in spec.geoms if geom.type in kinds]
+    for material in spec.materials:
+        material.textures = [""] * len(material.textures)
+    others = spec.meshes, spec.textures, spec.hfields, spec.skins
+    unused = (
+        spec.pairs,
+        spec.sensors,
+    )  # may name a deleted geom; nothing here reads them
+    for each in [*shapes, *chain(*others), *chain(*unused)]:
+        spec.delete(each)
 
 
 def _place(path: Path, said: str) -> str:
@@ -222,7 +265,8 @@ def _place(path: Path, said: str) -> str:
 
 def _check_urdf(path: Path, content: bytes) -> list[str]:
     """Refuse misspelled words, numbers not finite and repeated names, which MuJoCo accepts; return notes."""
-    parser, opened, doubts = expat.ParserCreate(), list[str](), list[str]()
+    parser, opened = expat.ParserCreate(), list[str]()
+    doubts: dict[str, list[str]] = {}  # lines of each note
     named, joint = set[tuple[str, str]](), dict[str, str]()
 
     def look(element: str, attributes: Mapping[str, str]) -> None:
@@ -246,31 +290,50 @@ def _check_urdf(path: Path, content: bytes) -> list[str]:
             joint.clear()
             joint.update(attributes)
         opened.append(element)
-        doubts.extend(
-            f"line {parser.CurrentLineNumber}: {each}"
-            for each in _doubt(element, attributes, joint)
-        )
-        for name, text in attributes.items() if element in _URDF else ():
-            if name not in _URDF[element]:
-                raise InputError(f"{place}: {unknown_key(name, _URDF[element])}")
-            words = {word.lower().lstrip("+-") for word in text.split()}
-            endless = name in {"effort", "velocity"} or (
-                element == "limit" and joint.get("type") == "continuous"
-            )
-            if not endless and words & {"inf", "nan", "infinity"}:
-                raise InputError(
-                    f'{place}.{name}: expected finite numbers, got "{text}"'
-                )
-            if element == "mass" and text.strip().startswith("-"):
-                raise InputError(
-                    f'{place}.{name}: expected no mass below zero, got "{text}"'
-                )
+        line = str(parser.CurrentLineNumber)
+        for each in _doubt(element, attributes, joint):
+            doubts.setdefault(each, []).append(line)
+        if element in _URDF:
+            _check_attributes(place, element, attributes, joint)
 
     parser.EndElementHandler = lambda _: opened.pop()
     parser.StartElementHandler = look
     with contextlib.suppress(expat.ExpatError):  # MuJoCo says what is wrong
         parser.Parse(content, True)
-    return doubts
+    return [
+        f"line{'s' if len(lines) > 1 else ''} {list_some(lines, 4)}: {text}"
+        for text, lines in doubts.items()
+    ]
+
+
+def _check_attributes(
+    place: str,
+    element: str,
+    attributes: Mapping[str, str],
+    joint: Mapping[str, str],
+) -> None:
+    """Refuse unknown attributes of a URDF's element, and numbers that no robot has."""
+    for name, text in attributes.items():
+        if name not in _URDF[element]:
+            if _is_drivers_word(element, name, attributes):
+                continue
+            raise InputError(f"{place}: {unknown_key(name, _URDF[element])}")
+        words = {word.lower().lstrip("+-") for word in text.split()}
+        endless = name in {"effort", "velocity"} or (
+            element == "limit" and joint.get("type") == "continuous"
+        )
+        if not endless and words & {"inf", "nan", "infinity"}:
+            raise InputError(f'{place}.{name}: expected finite numbers, got "{text}"')
+        if element == "mass" and text.strip().startswith("-"):
+            raise InputError(
+                f'{place}.{name}: expected no mass below zero, got "{text}"'
+            )
+
+
+def _is_drivers_word(element: str, name: str, attributes: Mapping[str, str]) -> bool:
+    """Return whether an unknown attribute is a driver's own limit, not a range misspelled."""
+    ranges = [key for key in ("lower", "upper") if key not in attributes]
+    return element == "limit" and not meant(name, ranges, cutoff=0.65)
 
 
 def _doubt(
@@ -279,6 +342,9 @@ def _doubt(
     """Yield notes on an element of a URDF, the last joint so far given by its attributes."""
     if element == "mimic" and attributes.get("joint") == joint.get("name"):
         yield f"joint {joint.get('name')} mimics itself, which is left out"
+    words = attributes if element == "limit" else ()
+    for name in (word for word in words if word not in _URDF["limit"]):
+        yield f"{element}.{print_safely(name)}, which URDF does not know, is left out"
     turns = element == "origin" or (
         element == "limit" and joint.get("type") == "revolute"
     )

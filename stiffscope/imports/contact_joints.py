@@ -49,6 +49,7 @@ if TYPE_CHECKING:
 
 THREADED = {"screw", "nut", "shaft nut", "shoulder screw"}
 _SAME = 1e-6
+_ALIKE = 1e-4  # of the radius: fits that do not differ
 _LAID = "planes from which one could be lifted off the other: taken as fixed, "
 _LAID += "as if glued or screwed; if it slides"
 _SCREWED = (
@@ -254,6 +255,7 @@ def find_joints(
         doubts += doubt_built(
             joints, find_joints(solids, contacts, hardware)[0], built, solids
         )
+    joints = _hold_rods(joints, [*joints, *planes], solids, doubts)
     joints = _add_planes(
         joints, sorted(planes, key=planes.__getitem__), contacts, solids, doubts
     )
@@ -265,6 +267,77 @@ def find_joints(
         )
 
     return joints, doubts + doubt_bores(solids, contacts, hardware, adds)
+
+
+def _hold_rods(
+    joints: list[Freedom],
+    touching: Sequence[Freedom],
+    solids: Sequence[Instance],
+    doubts: list[Doubt],
+) -> list[Freedom]:
+    """Fix rods that slide in all their bores, so that nothing holds them, in the tightest of these.
+
+    Of equal fits those at the rod's ends hold it. A rod in one bore is a slide.
+    """
+    own = defaultdict[int, list[Freedom]](list)
+    for joint in touching:
+        for end in joint.ends:
+            own[end].append(joint)
+    held = set[Freedom]()
+    for rod, around in own.items():
+        if len(around) < 2 or not all(_is_bare_fit(each, rod) for each in around):
+            continue
+        axes = [each.contacts[0] for each in around]
+        first = axes[0]
+        if any(np.linalg.norm(np.cross(first.axis, c.axis)) > _SAME for c in axes):
+            continue
+        clearance = {each: _clearance(each) for each in around}
+        least = min(clearance.values())
+        tight = [each for each in around if clearance[each] <= least + _ALIKE]
+        ends = [each for each in tight if _is_at_end(each, rod, solids)]
+        if len(tight) == len(around) and ends:
+            tight = ends
+        held |= {*tight}
+        names = [solids[joint.first + joint.second - rod].name for joint in tight]
+        text = "a rod that nothing else holds: taken as a press fit in "
+        text += f"{' and '.join(names)}; if it slides, say --joint "
+        text += f'"{solids[rod].name}/{names[0]}=cylindrical"'
+        doubts.append(Doubt((solids[rod].name,), text, tuple(tight[0].at)))
+    return [
+        replace(_fix(joint), reason=f"{joint.reason}, press fit")
+        if joint in held
+        else joint
+        for joint in joints
+    ]
+
+
+def _is_bare_fit(joint: Freedom, rod: int) -> bool:
+    """Return whether a joint is nothing but a rod in bores, in which it turns and slides."""
+    kinds = {contact.kind for contact in joint.contacts}
+    inside = all(
+        (contact.first, contact.second)[contact.inner or 0] == rod
+        for contact in joint.contacts
+    )
+    return joint.kind == "cylindrical" and kinds == {"cylinder"} and inside
+
+
+def _clearance(joint: Freedom) -> float:
+    """Return the clearance of a rod in its bores, relative to the radius."""
+    return max(contact.gap / contact.radius for contact in joint.contacts)
+
+
+def _is_at_end(joint: Freedom, rod: int, solids: Sequence[Instance]) -> bool:
+    """Return whether a bore reaches an end of the rod's face in it, or nearly so."""
+    for contact in joint.contacts:
+        face = solids[rod].faces[contact.face_of(rod)]
+        middle = float(face.axis @ (contact.point - face.origin))
+        low, high = face.extent
+        near = 0.1 * (high - low)
+        if middle - 0.5 * contact.size < low + near:
+            return True
+        if middle + 0.5 * contact.size > high - near:
+            return True
+    return False
 
 
 def _join(pieces: Iterable[int], links: Iterable[Bond | Freedom]) -> DisjointSet:
@@ -325,7 +398,8 @@ def _freedom(
         scaled = np.zeros((6, 0))  # clamped by screws in clearance holes
     faces = _loaded_faces(i, touching, solids[i]), _loaded_faces(j, touching, solids[j])
     reason = _reason((i, j), bonds, solids, hardware)
-    return Freedom(i, j, kind, at * scale, axis, axis2, reason, faces, scaled)
+    place = kind, at * scale, axis, axis2
+    return Freedom(i, j, *place, reason, faces, scaled, tuple(touching))
 
 
 def _turning_kind(
@@ -434,19 +508,31 @@ def _add_planes(
         )
 
     while laid := next(filter(is_laid, planes), None):
-        if groups.connected(*laid.ends):
+        if groups.connected(*laid.ends) and _moves(laid, kept):
             settle(laid, None, _IDLE)
             continue
-        fixed = replace(laid, kind="fixed", axis=None, freedom=np.zeros((6, 0)))
-        settle(laid, fixed, _SCREWED if laid in screwed else _LAID)
+        settle(laid, _fix(laid), _SCREWED if laid in screwed else _LAID)
         bodies.merge(*laid.ends)
     for plane in [*planes]:
         adds = plane.kind == "prismatic" or holds_more(
             held_by(plane)[2], kept, *plane.ends
         )
         text = _SLIDES if plane.kind == "planar" else ""
+        if not adds and not _moves(plane, kept):
+            settle(plane, _fix(plane), _LAID)
+            continue
         settle(plane, plane if adds else None, text if adds else _IDLE)
     return kept
+
+
+def _fix(joint: Freedom) -> Freedom:
+    """Return a joint as a fixed one."""
+    return replace(joint, kind="fixed", axis=None, freedom=np.zeros((6, 0)))
+
+
+def _moves(plane: Freedom, joints: Sequence[Freedom]) -> bool:
+    """Return whether the parts of a plane move against each other, whatever the plane holds."""
+    return bool(relative_freedom(map(held_by, joints), *plane.ends).shape[1])
 
 
 def _count_holes(plane: Freedom, solids: Sequence[Instance]) -> int:

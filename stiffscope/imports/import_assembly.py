@@ -31,7 +31,9 @@ from stiffscope.imports.import_record import (
     parts_folder,
     tell_changes,
 )
+from stiffscope.imports.loaded_patches import LoadedPart, find_patches
 from stiffscope.imports.model_tool import choose_coordinates
+from stiffscope.imports.part_estimates import Estimate, estimate_part
 from stiffscope.imports.part_motions import Freedom, tool_motions
 from stiffscope.imports.robot_text import driven, robot_text
 from stiffscope.imports.said import (
@@ -65,7 +67,8 @@ _GROUND = re.compile(
 )
 _TOOLS = "tool|platt?form|effector|tcp|spindle|flange|plate|werkzeug|greifer|gripper"
 _TOOL = re.compile(_TOOLS, re.IGNORECASE)
-_TINY = 2e-3  # a part with a smaller fraction of the total volume is rigid
+_TINY = 2e-3  # a part with a smaller fraction of the total volume is rigid,
+_TINY_SHARE = 0.02  # if it bends by less than this fraction of the softest part
 _HEAD = """# Imported from {file}: parts, joints and masses of its assembly; SI, axes of the assembly.
 #
 # Look at what was found (stiffscope check), and fill in what an assembly does not say:
@@ -203,7 +206,8 @@ def _import(
         found, joints=tuple(joint for joint in found.joints if joint.first in reached)
     )
     tool = _choose_tool(found, ground, said.tool, reached)
-    model, parts = _model(path, found, ground, tool, said)
+    model, parts, warnings = _model(path, found, ground, tool, said)
+    doubts = warnings + doubts
     lines = [f"#   - {', '.join(doubt.solids)}: {doubt.text}\n" for doubt in doubts]
     review = "".join([_REVIEW, *lines]) if lines else ""
     head = _HEAD + review.replace("{", "{{").replace("}", "}}")
@@ -308,21 +312,36 @@ def _find_wanted(
 
 def _model(
     path: Path, found: _Found, ground: int, tool: int, said: Said
-) -> tuple[SimulatorModel, list[PartFile]]:
-    """Return bodies, joints and tool as in a robot file, and the elastic parts."""
+) -> tuple[SimulatorModel, list[PartFile], list[Doubt]]:
+    """Return bodies, joints and tool as in a robot file, the elastic parts, and warnings."""
     solids = found.solids
     moving = sorted({each for joint in found.joints for each in joint.ends} - {ground})
     materials = choose_materials(moving, solids, said.material, path)
     rigid = match_solids(solids, said.rigid, "--rigid")
+    estimates = {n: estimate_part(solids[n], MATERIALS[materials[n]]) for n in moving}
     total = sum(solids[n].product.volume for n in moving)
+    soft = max(
+        (estimates[n].compliance for n in moving if len(found.find_joints(n)) > 1),
+        default=0.0,
+    )
     bodies = list[ModelBody]()
     parts = list[PartFile]()
     ends = dict[tuple[int, Freedom], str]()
+    warnings = list[Doubt]()
     for number in moving:
         solid = solids[number]
         held = found.find_joints(number)
-        why = _rigid_reason(number, held, rigid, solid.product.volume / total)
-        if why:
+        estimate = estimates[number]
+        tiny = (
+            solid.product.volume < _TINY * total
+            and not estimate.is_slender
+            and estimate.compliance < _TINY_SHARE * soft
+        )
+        why = _rigid_reason(number, held, rigid, tiny=tiny)
+        loaded = None if why else find_patches(number, solids, held)
+        if loaded is not None and len(loaded.faces) < 2:
+            why = "rigid: its joints act on the same faces"
+        if why or loaded is None:
             density = MATERIALS[materials[number]].density
             note = f"{why}; {materials[number]}"
             weight = (
@@ -332,17 +351,14 @@ def _model(
             )
             bodies.append(ModelBody(solid.name, *weight, note=note))
             ends |= {(number, joint): solid.name for joint in held}
+            if number not in rigid and len(held) > 1:
+                warnings += _warn_of_rigid(solid, why, estimate, soft)
             continue
-        faces = [joint.faces[joint.first != number] for joint in held]
-        own = dict(zip(interface_names(number, held, solids), faces, strict=True))
-        part = _share_part(parts, solid, materials[number], own)
+        part, names = _part_of(parts, solid, materials[number], loaded, solids, number)
         part.bodies.append(solid.name)
-        names = {
-            faces: f"{solid.name}.{name}" for name, faces in part.interfaces.items()
-        }
         ends |= {
-            (number, joint): names[face]
-            for joint, face in zip(held, faces, strict=True)
+            (number, joint): f"{solid.name}.{names[loaded.shared.get(joint, joint)]}"
+            for joint in held
         }
         placed = solid.origin, np.zeros((3, 3)), part.name, solid.rotation
         bodies.append(ModelBody(solid.name, 0.0, *placed))
@@ -369,25 +385,93 @@ def _model(
             f"they fix to the ground, {fixed}; say --tool, --ground or --joint"
         )
     name = print_safely(path.stem)
-    notes = _notes(found, ground, tool, said)
+    elastic = {n for n in moving if (n, found.find_joints(n)[0]) in ends}
+    bending = [n for n in elastic if ends[n, found.find_joints(n)[0]] != solids[n].name]
+    notes = _notes(found, ground, tool, said) + _softest(bending, estimates, solids)
     pose = choose_coordinates(motions)
     content = tuple(bodies), tuple(joints), tool_body, at, pose, np.zeros(3), notes
-    return SimulatorModel(name, *content), parts
+    return SimulatorModel(name, *content), parts, warnings
 
 
-def _share_part(
+def _part_of(
     parts: list[PartFile],
     solid: Instance,
     material: str,
-    interfaces: dict[str, tuple[int, ...]],
-) -> PartFile:
-    """Return the part of an equal solid with the same material and interfaces, or a new part."""
+    loaded: LoadedPart,
+    solids: Sequence[Instance],
+    number: int,
+) -> tuple[PartFile, dict[Freedom, str]]:
+    """Return the part of a body, an equal one if there is one, and its interface of each joint."""
+    owners = list(loaded.faces)
+    even = {_smaller(pair, loaded) for pair in loaded.touching}
+    owners.sort(key=lambda joint: joint in even)  # the first one is at rest
+    names = dict(zip(owners, interface_names(number, owners, solids), strict=True))
+    faces = loaded.solid.product.faces
+
+    def places(indices: tuple[int, ...]) -> list[tuple[float, ...]]:
+        return sorted(
+            (*np.round(1e6 * faces[k].centroid).tolist(), round(1e10 * faces[k].area))
+            for k in indices
+        )
+
+    mine = {names[joint]: places(own) for joint, own in loaded.faces.items()}
     for part in parts:
-        alike = part.solid.product is solid.product and part.material == material
-        if alike and sorted(part.interfaces.values()) == sorted(interfaces.values()):
-            return part
-    parts.append(PartFile(part_name(solid, parts), solid, material, interfaces))
-    return parts[-1]
+        known = part.places
+        alike = part.product is solid.product and part.material == material
+        if alike and sorted(known.values()) == sorted(mine.values()):
+            by_place = {repr(place): name for name, place in known.items()}
+            return part, {j: by_place[repr(mine[name])] for j, name in names.items()}
+    interfaces = {names[joint]: loaded.faces[joint] for joint in owners}
+    new = PartFile(
+        part_name(solid, parts),
+        loaded.solid,
+        material,
+        interfaces,
+        distributed=frozenset(names[joint] for joint in even),
+        product=solid.product,
+        places=mine,
+    )
+    parts.append(new)
+    return new, names
+
+
+def _smaller(pair: tuple[Freedom, Freedom], loaded: LoadedPart) -> Freedom:
+    """Return the joint of a pair with the smaller faces."""
+    faces = loaded.solid.product.faces
+    return min(pair, key=lambda joint: sum(faces[k].area for k in loaded.faces[joint]))
+
+
+def _warn_of_rigid(
+    solid: Instance, why: str, estimate: Estimate, soft: float
+) -> list[Doubt]:
+    """Return a warning of a part that is rigid by default though it may be soft."""
+    if not estimate.is_slender and estimate.compliance < 0.1 * soft:
+        return []
+    size = f"as a bar of its size it bends by {1e6 * estimate.compliance:.2g} um/N"
+    size += f", {estimate.slenderness:.0f} times as long as thick"
+    text = f"taken as {why}; {size}: the stiffness may be far too high; "
+    text += "change its contacts in CAD, or describe the part in the robot file"
+    return [Doubt((solid.name,), text, tuple(solid.centre), warning=True)]
+
+
+def _softest(
+    bending: Sequence[int],
+    estimates: Mapping[int, Estimate],
+    solids: Sequence[Instance],
+) -> tuple[str, ...]:
+    """Return a note that names the elastic parts that bend most, by an estimate."""
+    order = sorted(bending, key=lambda n: -estimates[n].compliance)
+    if not order:
+        return ()
+    most = estimates[order[0]].compliance
+    named = [
+        f"{solids[n].name} ({1e6 * estimates[n].compliance:.2g} um/N)"
+        for n in order[:6]
+        if estimates[n].compliance > 0.3 * most
+    ]
+    return (
+        f"softest parts, as bars of their size clamped at one end: {', '.join(named)}",
+    )
 
 
 def _notes(found: _Found, ground: int, tool: int, said: Said) -> tuple[str, ...]:
@@ -405,7 +489,7 @@ def _notes(found: _Found, ground: int, tool: int, said: Said) -> tuple[str, ...]
 
 
 def _rigid_reason(
-    number: int, joints: Sequence[Freedom], said: set[int], share: float
+    number: int, joints: Sequence[Freedom], said: set[int], *, tiny: bool
 ) -> str:
     """Return the reason why a part is rigid; empty if it is elastic."""
     if number in said:
@@ -415,6 +499,4 @@ def _rigid_reason(
         return "rigid: nothing touches it at one of its joints"
     if len(joints) < 2:
         return "rigid: one joint, so that nothing but its own weight loads it"
-    if len({each for group in faces for each in group}) < sum(map(len, faces)):
-        return "rigid: two of its joints share a face"
-    return "rigid: tiny" if share < _TINY else ""
+    return "rigid: tiny" if tiny else ""

@@ -10,6 +10,7 @@ from stiffscope.errors import InputError
 from stiffscope.imports.assembly_parts import part_lines, write_import
 from stiffscope.imports.compiled_model import is_urdf, print_safely
 from stiffscope.imports.import_record import parts_folder
+from stiffscope.imports.model_loops import read_loops
 from stiffscope.imports.model_solids import add_solids
 from stiffscope.imports.robot_text import (
     check_text,
@@ -35,6 +36,7 @@ def import_model(
     tool: str | None = None,
     home: Sequence[str] = (),
     materials: Sequence[str] = (),
+    loops: str | Path | None = None,
 ) -> SimulatorModel:
     """Write a robot file from a URDF or MJCF file; the model's notes list omissions and guesses.
 
@@ -48,6 +50,8 @@ def import_model(
         As in the options `--drive`, `--home`, `--material`.
     tool
         Body or site that is the tool; by default a last one.
+    loops
+        YAML file with the loops of a URDF, as in the option `--loops`.
     """
     check = (
         check_file
@@ -61,11 +65,14 @@ def import_model(
         raise InputError(
             f"--material: expected a STEP assembly or a URDF, got {path.name}"
         )
+    if loops is not None and not urdf:
+        raise InputError(f"--loops: expected a URDF, got {path.name}")
     model = read_model(
         path,
         tool,
         _positions(home),
         [each.partition("=")[0].strip() for each in drives],
+        None if loops is None else read_loops(Path(loops)),
     )
     model, parts = add_solids(path, model, materials) if urdf else (model, [])
     lines = part_lines(parts, out)

@@ -10,6 +10,8 @@ from stiffscope.errors import InputError
 from stiffscope.imports.compiled_model import GROUND
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from stiffscope.imports.compiled_model import CompiledModel
     from stiffscope.runtime.types import Array
 
@@ -67,15 +69,22 @@ def _last_body(source: CompiledModel) -> int:
     )
 
 
-def movable_coordinates(source: CompiledModel, body: int, at: Array) -> tuple[str, ...]:
-    """Return the coordinates of a body's point (3,), m, that the mechanism moves, x y z first."""
+def movable_coordinates(
+    source: CompiledModel, body: int, at: Array, held: Sequence[int] = ()
+) -> tuple[str, ...]:
+    """Return the coordinates of a body's point (3,), m, that the mechanism moves, x y z first.
+
+    ``held``: degrees of freedom of floating bodies, which are fixed to the ground.
+    """
     m = source.model
     d = source.data
     jacobian = _jacobian(source, d, body, at)
     _, closures = source.equality_rows(closures_only=True)
+    stopped = np.eye(m.nv)[list(held)]
+    rows = np.vstack([closures.reshape(-1, m.nv), stopped])
     basis = np.eye(m.nv)
-    if closures.size:
-        _, sizes, rows = np.linalg.svd(closures)
+    if rows.size:
+        _, sizes, rows = np.linalg.svd(rows)
         basis = rows[(sizes > 1e-9 * sizes[0]).sum() :].T
     chosen = choose_coordinates(jacobian @ basis)
     count = len(chosen)
@@ -84,8 +93,8 @@ def movable_coordinates(source: CompiledModel, body: int, at: Array) -> tuple[st
         raise InputError(f"{source.path}: expected a tool that moves, got {got}")
     if (
         not closures.size
-        and count < min(6, m.nv)
-        and _nearby_rank(source, body, at) > count
+        and count < min(6, m.nv - len(held))
+        and _nearby_rank(source, body, at, held) > count
     ):
         why = "the tool moves in more directions elsewhere; choose another with --home"
         source.notes.append(f"home is singular: {why}")
@@ -108,17 +117,20 @@ def _jacobian(source: CompiledModel, data: Any, body: int, at: Array) -> Array:
     return jacobian
 
 
-def _nearby_rank(source: CompiledModel, body: int, at: Array) -> int:
+def _nearby_rank(
+    source: CompiledModel, body: int, at: Array, held: Sequence[int]
+) -> int:
     """Return the number of directions in which an open chain's tool moves at a pose near home."""
     m = source.model
     here = source.data
     near = source.mj.MjData(source.model)
     near.qpos[:] = here.qpos
-    source.mj.mj_integratePos(
-        m, near.qpos, np.random.default_rng(0).normal(0.0, 0.1, m.nv), 1.0
-    )
+    step = np.random.default_rng(0).normal(0.0, 0.1, m.nv)
+    step[list(held)] = 0.0
+    source.mj.mj_integratePos(m, near.qpos, step, 1.0)
     source.mj.mj_kinematics(m, near)
     source.mj.mj_comPos(m, near)
     turn = near.xmat[body].reshape(3, 3) @ here.xmat[body].reshape(3, 3).T
     point = near.xpos[body] + turn @ (at - here.xpos[body])
-    return int(np.linalg.matrix_rank(_jacobian(source, near, body, point), tol=1e-6))
+    jacobian = np.delete(_jacobian(source, near, body, point), list(held), axis=1)
+    return int(np.linalg.matrix_rank(jacobian, tol=1e-6))

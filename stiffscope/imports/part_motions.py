@@ -45,6 +45,8 @@ class Freedom:
     faces: tuple[tuple[int, ...], tuple[int, ...]]
     freedom: Array = field(repr=False)
     """Twists (6, k) at the base origin, translations over the assembly's size."""
+    contacts: tuple[Contact, ...] = field(default=(), repr=False)
+    """What touches either part here, hardware between them included."""
 
     @property
     def ends(self) -> tuple[int, int]:

@@ -168,7 +168,9 @@ def _as_kind(kind: str, here: Sequence[Freedom | Contact], scale: float) -> Free
         one, other = (tuple(sorted({c.face_of(n) for c in touching})) for n in ends)
         place = (best.point, best.axis)
         none = np.zeros((6, 0))
-        new = Freedom(*ends, kind, *place, None, "", (one, other), none)
+        new = Freedom(
+            *ends, kind, *place, None, "", (one, other), none, tuple(touching)
+        )
         joint = replace(joint or new, at=best.point, axis=best.axis)
     free = joint_freedom(kind, joint.at / scale, joint.axis, joint.axis2)
     return replace(joint, kind=kind, reason="as said", freedom=free)

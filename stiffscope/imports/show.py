@@ -35,6 +35,9 @@ def import_json(found: Imported) -> dict[str, Any]:
 
 def show_import(found: Imported) -> None:
     """Print the joints with reasons, the findings to review and the changes."""
+    for doubt in found.doubts:
+        if doubt.warning:
+            show_line(f"Warning: {', '.join(doubt.solids)} is {doubt.text}.")
     rows = [(joint.name, joint.kind, joint.note) for joint in found.model.joints]
     show_named("Joints", ("joint", "kind", "from"), rows, prose=("joint", "from"))
     show_doubts(found.doubts)

@@ -18,12 +18,16 @@ from stiffscope.imports.compiled_model import (
     compile_at_home,
     print_safely,
 )
+from stiffscope.imports.model_inertia import EXCESS, describe_violations, violation
 from stiffscope.imports.model_tool import find_tool, movable_coordinates
+from stiffscope.robot.file.copies import SIX
+from stiffscope.robot.file.tables import list_some
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from stiffscope.imports.compiled_model import CompiledModel
+    from stiffscope.imports.model_loops import Loops
     from stiffscope.runtime.types import Array
 
 _LEAST_MASS = 1e-8  # kg; less is the minimum that MuJoCo assigns to massless bodies
@@ -90,32 +94,40 @@ def read_model(
     tool: str | None = None,
     home: Mapping[str, float] | None = None,
     drives: Sequence[str] = (),
+    loops: Loops | None = None,
 ) -> SimulatorModel:
     """Read a URDF or MJCF file, whose meshes need not exist, as a model at its home.
 
     ``tool``: body or site; by default a usually named site, else the last body of the longest
     chain. ``home``: positions of hinges (rad) and slides (m); by default those of the keyframe
     "home" or the zero pose, as far as loops permit. ``drives``: patterns of the driven joints.
+    ``loops``: those of a URDF, which is a tree.
     Raises InputError if MuJoCo is missing, the file is not a model, loops do not close, or there is
     no such tool.
     """
-    source = compile_at_home(Path(path), home or {})
+    source = compile_at_home(Path(path), home or {}, loops)
     joints = _name_apart([*_tree_joints(source, drives), *_closing_joints(source)])
+    beyond = [j.name for j in joints if j.range and not j.range[0] <= 0.0 <= j.range[1]]
+    if beyond:
+        other = "choose another with --home"
+        source.notes.append(f"home of {list_some(beyond)} is beyond its range; {other}")
     bodies = [
         _merge(source, number, name) for number, name in source.movers.items() if number
     ]
+    bodies = _leave_out_impossible(source, bodies)
     bare = [body.name for body in bodies if not body.mass]
     if bare:
-        source.notes.append(f"the source gives no mass of {', '.join(bare)}")
+        source.notes.append(f"the source gives no mass of {list_some(bare)}")
     ends = {name for joint in joints for name in (joint.first, joint.second)}
     between = sorted(
         ends - {GROUND, *(body.name for body in bodies)}
     )  # two joints of one body
-    reached = find_distances(joints, GROUND)
-    for number, name in source.movers.items():
-        if name not in reached:
+    held = list[int]()  # degrees of freedom of bodies that float
+    for number, name in source.movers.items():  # a parent stands before its children
+        if name not in find_distances(joints, GROUND):
             at = source.data.xpos[number].copy()
             joints.append(ModelJoint(f"{name}.held", GROUND, name, "fixed", at))
+            held += np.flatnonzero(source.model.dof_bodyid == number).tolist()
             source.notes.append(
                 f'"{name}" floats in the source; it is fixed to the ground here'
             )
@@ -123,7 +135,7 @@ def read_model(
     _note_omissions(source, joints)
     source.notes += _doubt_units(joints, [body for body in bodies if body.mass])
     body, at, where = find_tool(source, tool)
-    pose = movable_coordinates(source, body, at)
+    pose = movable_coordinates(source, body, at, held)
     source.notes.append(f"tool: {where}; check body and point")
     gravity = np.array(source.model.opt.gravity)
     notes = tuple(source.notes)
@@ -146,13 +158,56 @@ def _merge(source: CompiledModel, mover: int, name: str) -> ModelBody:
     )
     inertia = np.zeros((3, 3))
     for b in members:
-        turn = d.ximat[b].reshape(3, 3)
         r = d.xipos[b] - centre
-        inertia += turn @ np.diag(m.body_inertia[b]) @ turn.T
+        inertia += source.find_inertia(int(b))
         inertia += m.body_mass[b] * (r @ r * np.eye(3) - np.outer(r, r))
     return ModelBody(
         name, mass, centre, inertia, axes=d.xmat[mover].reshape(3, 3).copy()
     )
+
+
+def _leave_out_impossible(
+    source: CompiledModel, bodies: list[ModelBody]
+) -> list[ModelBody]:
+    """Return bodies without inertias that no body can have; add notes on all of these."""
+    m = source.model
+    beyond = "more than a body can have (A + B >= C)"
+    fixed = [source.label("body", b) for b in source.aside if not m.body_weldid[b]]
+    if fixed:
+        source.notes.append(
+            f"the inertia of {list_some(fixed)} is {beyond}; fixed to the ground, "
+            "it is not used"
+        )
+    out = list[ModelBody]()
+    left = list[ModelBody]()
+    for body in bodies:
+        if body.mass and violation(body.inertia) > EXCESS:
+            left.append(body)
+            given = ", ".join(f"{each:.4g}" for each in body.inertia[SIX])
+            note = f"inertia [{given}] of the source is left out: no body has it"
+            out.append(replace(body, inertia=np.zeros((3, 3)), note=note))
+        else:
+            out.append(body)
+    names = [body.name for body in left]
+    taken = [
+        b
+        for b in source.aside
+        if m.body_weldid[b]
+        and m.body_mass[b] > _LEAST_MASS
+        and source.mover(b) not in names
+    ]
+    if taken:
+        own = [source.label("body", b) for b in taken]
+        told = describe_violations(own, (source.aside[b] for b in taken))
+        source.notes.append(f"the inertia of {told} is {beyond}; taken as given")
+    if left:
+        told = describe_violations(names, (body.inertia for body in left))
+        need = "stiffness and sag do not need it, natural frequencies do"
+        source.notes.append(
+            f"the inertia of {told} is {beyond}, all that is fixed to it included; "
+            f"left out: {need}"
+        )
+    return out
 
 
 def _note_omissions(source: CompiledModel, joints: Iterable[ModelJoint]) -> None:
@@ -163,14 +218,14 @@ def _note_omissions(source: CompiledModel, joints: Iterable[ModelJoint]) -> None
         if not m.body_weldid[b] and m.body_mass[b] > _LEAST_MASS
     ]
     if fixed:
-        listed = ", ".join(
-            f"{source.label('body', b)} {m.body_mass[b]:.4g} kg" for b in fixed
+        listed = list_some(
+            [f"{source.label('body', b)} {m.body_mass[b]:.4g} kg" for b in fixed]
         )
         source.notes.append(f"bodies fixed to the ground have no mass here: {listed}")
     for word in _DYNAMICS:
         names = [joint.name for joint in joints if joint.dynamics.get(word)]
         if names:
-            of = f"the source's {word} of {', '.join(names)}"
+            of = f"the source's {word} of {list_some(names)}"
             source.notes.append(f"{of} is not taken, but written beside the joint")
     for sign, told in (
         (1, "written beside the joint, not taken"),
@@ -178,7 +233,7 @@ def _note_omissions(source: CompiledModel, joints: Iterable[ModelJoint]) -> None
     ):
         names = [joint.name for joint in joints if joint.gain * sign > 0]
         if names:
-            source.notes.append(f"position gains (kp) of {', '.join(names)} are {told}")
+            source.notes.append(f"position gains (kp) of {list_some(names)} are {told}")
     others = [
         name
         for name, number in source.labels("actuator", m.nu).items()
@@ -189,13 +244,11 @@ def _note_omissions(source: CompiledModel, joints: Iterable[ModelJoint]) -> None
         ("actuators of no joint", others),
     ):
         if names:
-            source.notes.append(f"{word} are left out: {', '.join(names)}")
-    lifted = ", ".join(
-        name for number, name in source.movers.items() if m.body_gravcomp[number]
-    )
+            source.notes.append(f"{word} are left out: {list_some([*names])}")
+    lifted = [name for number, name in source.movers.items() if m.body_gravcomp[number]]
     if lifted:
         source.notes.append(
-            f"gravity compensation (gravcomp) of {lifted} is left out: the whole weight acts here"
+            f"gravity compensation (gravcomp) of {list_some(lifted)} is left out: the whole weight acts here"
         )
     if (
         m.opt.disableflags & int(source.mj.mjtDisableBit.mjDSBL_GRAVITY)
@@ -263,9 +316,6 @@ def _tree_joint(source: CompiledModel, number: int) -> ModelJoint | None:
             here = float(d.qpos[m.jnt_qposadr[number]])
             low, high = (float(each) - here for each in m.jnt_range[number])
             limits = low, high
-            if not low <= 0.0 <= high:
-                beyond = f"home of {name} is beyond its range"
-                source.notes.append(f"{beyond}; choose another with --home")
         elif m.jnt_range[number, 0] > m.jnt_range[number, 1]:
             source.notes.append(
                 f"limits of {name} are left out: the lower is above the upper"

@@ -1,3 +1,4 @@
+# pyright: reportMissingImports=false, reportArgumentType=false (EXUDYN's stubs; an extra)
 """A second laboratory: the machine with its faults in EXUDYN, read from EXUDYN's own equilibria.
 
 Faults are planted in bodies, springs and joints of a multibody model; each reading is the
@@ -14,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.lab.closure import joint_state, spring_state
+from stiffscope.lab.closure import spring_state
 from stiffscope.lab.machine import BASE, DRIVEN, FREE, GROUND, TOOL
 from stiffscope.lab.nonlinear import lost_motion
 from stiffscope.lab.rotations import both_parts, turn, vector_of
@@ -83,13 +84,12 @@ class FaultyRobot(Robot):
         first, second = (
             BASE if n == GROUND else n for n in (joint.first, joint.second)
         )
-        drawn = joint_state(joint.drawn_joint, frames, *ends)
         turns = [frames.rotation[end][0] for end in ends]
         real = joint.real_joint
         relative = (turns[0] @ joint.axes).T @ turns[1] @ joint.axes
         slid = np.zeros(3)
         free = [i for i in FREE[joint.kind] if i < 3]
-        slid[free] = _apart(drawn, joint, frames, ends)[free]
+        slid[free] = _apart(joint, frames, ends)[free]
         if joint.drive is not None:
             drive = joint.drive
             commanded = (
@@ -174,7 +174,7 @@ class FaultyRobot(Robot):
     ) -> None:
         """Add the springs of a passive joint's free motions."""
         frames = self.located.frames
-        rows, away = spring_state(joint.drawn_joint, frames, *ends)
+        rows, away = spring_state(joint.drawn_joint, frames, ends[0], ends[1])
         stiffness = joint.spring * rows[0].T @ rows[0]
         name = f"{joint.name} spring"
         self.add_spring(name, start, end, stiffness=stiffness, offset=-away[0])
@@ -252,7 +252,7 @@ class FaultyRobot(Robot):
         kind = exudyn.OutputVariableType
         number = self.nodes[node]
         moved = self.mbs.GetNodeOutput(number, kind.Displacement)
-        turned = self.mbs.GetNodeOutput(number, kind.RotationMatrix).reshape(3, 3)
+        turned = np.reshape(self.mbs.GetNodeOutput(number, kind.RotationMatrix), (3, 3))
         arm = place - self.places[node]
         return np.concatenate([moved + turned @ arm - arm, vector_of(turned)])
 
@@ -271,9 +271,8 @@ class FaultyRobot(Robot):
         return numbers[0], numbers[1]
 
 
-def _apart(state: Any, joint: Joint, frames: Any, ends: Sequence[str]) -> Array:
+def _apart(joint: Joint, frames: Any, ends: Sequence[str]) -> Array:
     """Return how far (3,) a drawn joint's second point is from its first, in its axes."""
-    del state
     axes = frames.rotation[ends[0]][0] @ joint.axes
     drawn = [frames.point(end, joint.at)[0] for end in ends]
     return axes.T @ (drawn[1] - drawn[0])
@@ -377,6 +376,8 @@ def _mount(
 ) -> dict[str, Any]:
     return {
         "kind": "fixed",
+        "free": [],
+        "driven": None,
         "between": [first, second],
         "at": np.zeros(3) if at is None else at,
         "axes": np.eye(3),

@@ -356,7 +356,10 @@ def find_stiffness(machine: Machine, plan: Plan, seen: Array) -> Array:
 class Bench(Protocol):
     """A machine at the poses of a plan, as some mechanics has it."""
 
-    plan: Plan
+    @property
+    def plan(self) -> Plan:
+        """Poses, loads and instruments."""
+        ...
 
     def deflect(self, loads: Sequence[tuple[str, Array]]) -> Array:
         """Return deflections (p, m, c) under loads: loaded minus unloaded."""

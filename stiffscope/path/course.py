@@ -17,6 +17,8 @@ from stiffscope.vjm.statics.yielding import Load, respond
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from numpy.typing import NDArray
+
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.path.cutting import CuttingForces
     from stiffscope.path.job import Job
@@ -26,6 +28,8 @@ if TYPE_CHECKING:
     from stiffscope.vjm.network.loading import Response
 
 BLOCK = 4096  # points per block
+_STILL = 1e-12  # m: a shorter step is no motion
+_CLOSED = 1e-6  # of its length: a path whose ends are nearer is closed
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,16 +183,10 @@ def configure_path(
 
 def find_axes(job: Job, tool: Array) -> Axes:
     """Return the axes of a path through tool poses (n, 6): tangent, normal, binormal, spindle."""
-    steps = np.diff(tool[:, :3], axis=0)
-    sizes = np.linalg.norm(steps, axis=1)
-    moving = np.flatnonzero(sizes > 1e-12)
-    if not moving.size:
+    tangent = _find_tangents(tool[:, :3], job.path.rapid)
+    if tangent is None:
         expected = "expected a path that moves the tool"
         raise InputError(f"{job.path_file.name}: {expected}, got one point")
-    ahead = np.concatenate([moving, moving[-1:]])[
-        np.searchsorted(moving, np.arange(len(tool)))
-    ]
-    tangent = steps[ahead] / sizes[ahead, None]
     axis = np.array(job.section.axis) / np.linalg.norm(job.section.axis)
     blocks = np.array_split(tool[:, 3:], range(BLOCK, len(tool), BLOCK))
     spindle = np.concatenate([rotation_of(block) @ axis for block in blocks])
@@ -202,6 +200,44 @@ def find_axes(job: Job, tool: Array) -> Axes:
         across[flat] = np.cross(spindle[flat], side)
     across /= np.linalg.norm(across, axis=1)[:, None]
     return Axes(tangent, across, np.cross(tangent, across), spindle)
+
+
+def _find_tangents(points: Array, rapid: NDArray[np.bool_]) -> Array | None:
+    """Return unit tangents (n, 3) at points (n, 3) by central differences; None if nothing moves.
+
+    At uneven steps they are those of the parabola through a point and its neighbours. A path that
+    ends where it begins goes on there. A point of a cut next to a rapid move looks along the cut.
+    """
+    steps = np.diff(points, axis=0)
+    sizes = np.linalg.norm(steps, axis=1)
+    moving = np.flatnonzero(sizes > _STILL)
+    if not moving.size:
+        return None
+    units = steps[moving] / sizes[moving, None]
+    lengths = sizes[moving]
+    kinds = rapid[moving + 1]
+    after = np.searchsorted(moving, np.arange(len(points)))  # the first step from here
+    before = np.searchsorted(moving, np.arange(len(points))) - 1
+    count = len(moving)
+    has_after = after < count
+    has_before = before >= 0
+    if np.linalg.norm(points[-1] - points[0]) < _CLOSED * lengths.sum():
+        after %= count
+        before %= count
+        has_after[:] = True
+        has_before[:] = True
+    after = np.where(has_after, after, 0)
+    before = np.where(has_before, before, 0)
+    mixed = has_after & has_before & (kinds[after] != kinds[before])
+    has_after &= ~mixed | (kinds[after] == rapid)
+    has_before &= ~mixed | (kinds[before] == rapid)
+    weight_after = np.where(has_after, np.where(has_before, lengths[before], 1.0), 0.0)
+    weight_before = np.where(has_before, np.where(has_after, lengths[after], 1.0), 0.0)
+    sums = weight_after[:, None] * units[after] + weight_before[:, None] * units[before]
+    norms = np.linalg.norm(sums, axis=1)
+    turned = norms < 1e-9 * (weight_after + weight_before)  # back the way it came
+    sums[turned] = units[after[turned]]
+    return sums / np.linalg.norm(sums, axis=1)[:, None]
 
 
 def process_wrench(

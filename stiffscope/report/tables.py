@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 SIX = (DIAGONAL[:3], DIAGONAL[3:])
 COUPLINGS = ("K_15", "K_24")
 SAG = ("|sag| µm", "sag z µm")
+PUSH = "1/C_ii"
 
 
 def sources(assembled: Assembled) -> str:
@@ -56,38 +57,43 @@ def show_stiffness(
     """
     pose = state.configurations.mechanism.tool.pose
     sags = np.any(state.sag)
-    factor, units = _scale(state.finite)
+    factor, units = _scale(_shown_diagonals(state))
     bounds = np.zeros_like(state.matrix) if bars is None else bars
     rows: list[Sequence[str]] = []
+    stuck = state.nearly_rigid
     for i, name in enumerate(names):
         matrix = state.matrix[i]
         bound = bounds[i]
         sag = 1e6 * state.sag[i, :3]
-        shown = np.where(find_resolved(matrix, bound), matrix, np.nan) / factor
         sunk = [f"{np.linalg.norm(sag):.2f}", f"{sag[2]:z.2f}"] if sags else ["", ""]
         place = pose_values(state.poses[i], pose)
-        if len(
-            state.rigid[i]
-        ):  # stiffness with all other directions free, if the tool yields
-            alone = np.diag(state.finite[i] / factor)
-            cells = [*("rigid" if np.isnan(v) else f"{v:.4f}" for v in alone), "", ""]
-            rows.append((name, place, *cells, *sunk))
+        alone = [
+            "rigid" if rigid else f"{value / factor:.4f}"
+            for value, rigid in zip(state.alone[i], stuck[i], strict=True)
+        ]
+        if stuck[i].any() or len(state.rigid[i]):  # K has no digits that say anything
+            rows.append((name, place, *alone, "", "", *sunk))
             continue
+        shown = np.where(find_resolved(matrix, bound), matrix, np.nan) / factor
         rows.append(
             (name, place, *format_cells(_diagonal_and_couplings(shown), ".4f"), *sunk)
         )
         if bars is not None:
             spread = (f"{v:.2g}" for v in _diagonal_and_couplings(bound / factor))
             rows.append(("", "± 95 %", *spread, "", ""))
+        if np.isfinite(state.compliance[i]).all():
+            rows.append(("", PUSH, *alone, "", "", "", ""))
     where = coordinates(pose)
     groups = (("pose", where), *SIX, (*COUPLINGS, *SAG))
     show_table(
         f"{title} ({units})", groups, rows, prose=(where,) if len(pose) > 3 else ()
     )
-    if any(len(each) for each in state.rigid):
-        show_line(
-            "  rigid: K is infinite; the other entries are 1/C_ii, all other directions free\n"
-        )
+    told = (
+        f"  {PUSH}: a push along one direction with all others free; K_ii holds them\n"
+    )
+    if stuck.any():
+        told = f"  rigid: infinite, or stiffer than the others by 10⁶; there only {PUSH} is shown\n"
+    show_line(told)
     explain_zeros(rows)
 
 
@@ -139,6 +145,15 @@ def _with_bounds(
         return words if clear[at] else ZERO
 
     return [(name, *(cell((i, j)) for j in range(6))) for i, name in enumerate(names)]
+
+
+def _shown_diagonals(state: Stiffness) -> np.ndarray:
+    """Return diagonal matrices (n, 6, 6) of what is shown of each pose, NaN if rigid."""
+    plain = np.einsum("nii->ni", state.finite)
+    stuck = state.nearly_rigid
+    alone = np.where(stuck, np.nan, state.alone)
+    shown = np.where(stuck.any(axis=1)[:, None], alone, plain)
+    return np.einsum("ni,ij->nij", shown, np.eye(6))
 
 
 def _scale(stiffness: Any) -> tuple[float, str]:

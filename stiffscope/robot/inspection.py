@@ -57,11 +57,15 @@ _SOLIDS = {
 
 @dataclass(frozen=True)
 class Doubt:
-    """Something for a person to check: solids, description, and place, m, or None."""
+    """Something for a person to check: solids, description, and place, m, or None.
+
+    ``warning``: whether it may make numbers wrong by far, so that every command repeats it.
+    """
 
     solids: tuple[str, ...]
     text: str
     at: tuple[float, ...] | None = None
+    warning: bool = False
 
 
 @dataclass(frozen=True)
@@ -137,7 +141,8 @@ def inspect_robot(robot: RobotFile) -> Inspection:
     inspection = Inspection(robot, mechanism, found, residual, parts, masses, doubts)
     try:
         configurations = configured_poses(robot, mechanism, list(named.values()))
-        ways = reach(mechanism)
+        locked = [k for k, state in found.coordinates.items() if state == "locked"]
+        ways = [w for w in reach(mechanism) if w.coordinate not in locked]
     except InputError as error:
         return replace(inspection, remarks=tuple(_of_mobility(found)), error=str(error))
     poses = tuple(
@@ -161,7 +166,7 @@ def inspect_robot(robot: RobotFile) -> Inspection:
         *_of_masses(robot, masses),
     )
     made = {"configurations": configurations, "mapped": mapped, "remarks": remarks}
-    return replace(inspection, reach=ways, poses=poses, **made)
+    return replace(inspection, reach=tuple(ways), poses=poses, **made)
 
 
 def _named_poses(

@@ -316,6 +316,28 @@ def published_compliance(robot: RobotFile, name: str) -> np.ndarray:
     return published_matrix(table)
 
 
+def is_published_part(robot: RobotFile, name: str) -> bool:
+    """Return whether a part has shape and material of the published one, whose matrix is its own."""
+    part = robot.parts[name]
+    material = robot.material(name)
+    table = "link" if part.shape == "rod" else getattr(part, "published", None)
+    if table is None or material is None or not isinstance(part, ParametricPart):
+        return False
+    own = part.dimensions() | {
+        "shape": part.shape,
+        "youngs_modulus": material.youngs_modulus,
+        "shear_modulus": material.shear_modulus,
+    }
+    wanted = read_published(table).get("part", {})
+    return all(_is_same(own.get(key), value) for key, value in wanted.items())
+
+
+def _is_same(own: float | int | str | None, wanted: float | int | str) -> bool:
+    if isinstance(own, str) or isinstance(wanted, str) or own is None:
+        return own == wanted
+    return abs(own - wanted) <= 1e-9 * abs(wanted)
+
+
 def published_matrix(name: str) -> np.ndarray:
     """Return the 6x6 of `data/published/<name>.toml`, SI: its numbers times its `unit`."""
     content = read_published(name)

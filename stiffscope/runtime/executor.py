@@ -18,6 +18,7 @@ import subprocess
 import sys
 import tempfile
 import threading
+import time
 from concurrent.futures import (
     FIRST_COMPLETED,
     Executor,
@@ -150,7 +151,7 @@ class Processes(Executor):
         report
             Progress callback; the function gets a `report(stage, fraction)` as last argument.
         limit
-            Time limit in seconds, without imports; the process is then ended.
+            Time limit in seconds of a processor, without imports; the process is then ended.
 
         Returns
         -------
@@ -208,6 +209,10 @@ class Processes(Executor):
             self.shutdown()
 
 
+_WAITING = 0.02  # of the time by the clock: a job with less of a processor waits
+_LONGEST = 20.0  # times its limit by the clock, after which a job is late in any case
+
+
 class _Child:
     """A child process that runs one job after another."""
 
@@ -240,7 +245,7 @@ class _Child:
     ) -> Any:
         """Run a job and return its result."""
         stage = ""
-        timer = threading.Timer(limit or 0.0, self._end_late)
+        watch = _Watch(self._process.pid, limit or 0.0, self._end_late)
         try:
             self._send(job)
             while True:
@@ -248,7 +253,7 @@ class _Child:
                 if kind in {"answer", "error", "failed"} and not self._late:
                     return take_answer(name, kind, content)
                 if kind == "begun" and limit is not None:
-                    timer.start()
+                    watch.start()
                 elif kind == "progress" and report:
                     stage = content[0]
                     report(*content)
@@ -260,7 +265,7 @@ class _Child:
                 raise LateError(name, stage, limit) from None
             raise self._gone(name) from None
         finally:
-            timer.cancel()
+            watch.cancel()
 
     def _end_late(self) -> None:
         self._late = True
@@ -288,6 +293,67 @@ class _Child:
                 with contextlib.suppress(psutil.NoSuchProcess):
                     process.kill()
         self._process.wait()
+
+
+class _Watch:
+    """A time limit of processor time: a job is late when it has had its time, not others.
+
+    A job that has run for the limit by the clock, on a machine that others use, goes on until it
+    has had as much of a processor. One that waits for something else is late by the clock.
+    """
+
+    def __init__(self, pid: int, limit: float, end: Callable[[], None]) -> None:
+        self._pid = pid
+        self._limit = limit
+        self._end = end
+        self._begun = 0.0
+        self._before = 0.0
+        self._timer: threading.Timer | None = None
+        self._cancelled = False
+
+    def start(self) -> None:
+        """Start to count."""
+        self._begun = time.monotonic()
+        self._before = self._measure()
+        self._arm(self._limit)
+
+    def cancel(self) -> None:
+        """Stop to count."""
+        self._cancelled = True
+        if self._timer is not None:
+            self._timer.cancel()
+
+    def _arm(self, seconds: float) -> None:
+        if not self._cancelled:
+            self._timer = threading.Timer(seconds, self._look)
+            self._timer.daemon = True
+            self._timer.start()
+
+    def _look(self) -> None:
+        elapsed = time.monotonic() - self._begun
+        had = self._measure() - self._before
+        waits = had < _WAITING * elapsed
+        if self._cancelled:
+            return
+        if had >= self._limit or waits or elapsed >= _LONGEST * self._limit:
+            self._end()
+        else:
+            self._arm(max(self._limit - had, 0.05 * self._limit))
+
+    def _measure(self) -> float:
+        """Return the processor time, s, of the process and its children so far."""
+        total = 0.0
+        with contextlib.suppress(psutil.NoSuchProcess):
+            process = psutil.Process(self._pid)
+            own = process.cpu_times()
+            total = own.user + own.system
+            total += getattr(own, "children_user", 0.0)
+            total += getattr(own, "children_system", 0.0)
+            for child in process.children(recursive=True):
+                with contextlib.suppress(psutil.NoSuchProcess):
+                    more = child.cpu_times()
+                    total += more.user + more.system
+        return total
 
 
 def take_answer(name: Any, kind: str, content: Any) -> Any:

@@ -1,5 +1,6 @@
 """STEP files as parts: round trip, units, selectors, and files made bad in every way that is known."""
 
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -7,7 +8,7 @@ from unittest.mock import Mock
 
 import numpy as np
 import pytest
-from build123d import Align, Box, Cylinder, Pos
+from build123d import Align, Box, Cylinder, Polyline, Pos, extrude, make_face
 
 from stiffscope.cad import kernel, kernel_files
 from stiffscope.cad import step as cad_step
@@ -17,7 +18,7 @@ from stiffscope.cad.part import Part, mass_properties
 from stiffscope.cad.slider import SliderParameters
 from stiffscope.cad.solid import Placement, build, part_of
 from stiffscope.cad.step import read_solid, read_step, write_step, write_stl
-from stiffscope.cad.validity import valid_solid
+from stiffscope.cad.validity import count_turns, valid_solid
 from stiffscope.errors import InputError
 from stiffscope.runtime.executor import WorkerError
 
@@ -156,8 +157,8 @@ def box(low: float, high: float) -> kernel.Shape:
     return (Pos(low, low, low) * Box(*[high - low] * 3, align=(Align.MIN,) * 3)).wrapped
 
 
-def crossing() -> kernel.Shape:
-    """Two cubes that overlap, their faces in one shell."""
+def crossing(deep: float = 5.0) -> kernel.Shape:
+    """Two cubes that overlap, mm, their faces in one shell."""
     from OCP.BRep import BRep_Builder
     from OCP.TopoDS import TopoDS_Shell, TopoDS_Solid
 
@@ -166,7 +167,7 @@ def crossing() -> kernel.Shape:
     solid = TopoDS_Solid()
     builder.MakeShell(shell)
     builder.MakeSolid(solid)
-    for face in kernel.faces(box(0, 10)) + kernel.faces(box(5, 15)):
+    for face in kernel.faces(box(0, 10)) + kernel.faces(box(10 - deep, 20 - deep)):
         builder.Add(shell, face)
     builder.Add(solid, shell)
     return solid
@@ -184,7 +185,7 @@ BAD = {
     ),
     "far": (lambda: box(1e9, 1e9 + 10), "1e.09 mm"),
     "not a number": (lambda: box(0, float("nan")), "nan mm"),
-    "crossing": (crossing, "a self-intersecting solid"),
+    "crossing": (crossing, r"a self-intersecting solid at \(.*\) mm"),
     "tiny": (lambda: box(0, 0.01), "0.0173 mm"),
     "foil": (lambda: Box(100, 100, 1e-4).wrapped, "0.0001 mm"),
 }
@@ -195,6 +196,48 @@ def test_what_is_no_solid_is_refused(name: str) -> None:
     make, found = BAD[name]
     with pytest.raises(InputError, match=rf"x.step: expected .* found .*{found}"):
         valid_solid(make(), "x.step")
+
+
+def test_neighbours_within_their_tolerances_are_no_overlap(tmp_path: Path) -> None:
+    """An edge of 4.2 um, one end 3 um beside its curves, as files of other programs have them."""
+    outline = [(0, 0), (60, 0), (60, 39.997), (59.997, 40), (0, 40)]
+    plate = extrude(make_face(Polyline(*outline, close=True)), 10)
+    kernel_files.write_step(plate.solid().wrapped, tmp_path / "plate.step")
+    text = (tmp_path / "plate.step").read_text()
+    ends = re.findall(r"VERTEX_POINT\('',(#\d+)\)", text)
+    moved = 0
+    for end in ends:
+        old = f"{end} = CARTESIAN_POINT('',(59.997,40.,10.));"
+        moved += old in text
+        text = text.replace(old, old.replace("59.997,", "60.,"))
+    assert moved == 1
+    (tmp_path / "plate.step").write_text(text)
+    shape = kernel_files.read_step(tmp_path / "plate.step")
+    assert kernel.find_interferences(shape)
+    solid = valid_solid(shape, "plate.step")
+    assert kernel.volume_properties(solid).Mass() == pytest.approx(24000.0, rel=1e-4)
+
+
+@pytest.mark.parametrize("deep", [0.1, 0.5, 5.0])
+def test_an_overlap_is_refused_with_its_place(deep: float) -> None:
+    with pytest.raises(InputError, match=r"self-intersecting solid at \(") as refused:
+        valid_solid(crossing(deep), "two.step")
+    place = re.search(r"at \((.*)\) mm", str(refused.value))
+    assert place
+    at = np.array([float(each) for each in place[1].split(",")])
+    assert (at > 10 - deep - 0.1).all()
+    assert (at < 10.1).all()
+
+
+@pytest.mark.parametrize("count", [1, 4])
+def test_the_winding_number_is_one_inside_and_zero_outside(count: int) -> None:
+    corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype=float)
+    sides = corners[[[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]]
+    points = np.array(
+        [[0.1, 0.1, 0.1], [0.34, 0.34, 0.34], [5, 5, 5], [0.1, 0.1, -1e-6]]
+    )
+    several = np.concatenate([sides] * count)
+    assert count_turns(points, several) == pytest.approx([count, 0, 0, 0], abs=1e-9)
 
 
 def test_what_is_no_solid_is_refused_in_a_file(tmp_path: Path) -> None:

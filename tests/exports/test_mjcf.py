@@ -15,6 +15,7 @@ from stiffscope.exports.target import Order
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.workshop import workshop
 from stiffscope.vjm.model.joints import Law
+from stiffscope.vjm.model.mechanism import Change
 from stiffscope.vjm.statics.analysis import compliance, sag
 from stiffscope.vjm.vibration.modes import frequencies
 from tests.exports import settling
@@ -105,6 +106,16 @@ def test_robots_of_rigid_and_massless_struts_do_too(name, tmp_path):
     check(tmp_path, order(load_robot(FILES / f"{name}.toml")))
 
 
+def test_a_guide_yields_where_its_carriage_stands(tmp_path):
+    text = ARM.format(drive='drive = { stiffness = "50 N/um" }')
+    text = text.replace("revolute", "prismatic").replace("[0, 1, 0]", "[0, 0, 1]")
+    guide = 'compliance = { radial = "0.02 um/N", tilting = "10 urad/(N*m)" }'
+    text = text.replace("[tool]", f"{guide}\n[tool]")
+    path = tmp_path / "slide.toml"
+    path.write_text(text.replace("home = [0]", 'home = [0]\nup = ["300 mm"]'))
+    check(tmp_path, order(load_robot(path)))
+
+
 def test_a_model_settles_at_its_own_time_step(tmp_path):
     wanted = order(load_robot("serial-arm"), ["home"])
     model, data, export = load(tmp_path, wanted)
@@ -176,6 +187,41 @@ def test_backlash_lets_the_arm_hang_at_its_end(tmp_path):
     settling.balance(model, data)
     assert data.qpos[0] == pytest.approx(1e-3 + 2.0 * 9.81 * 0.5 / 1e4, rel=1e-3)
     assert "hinge:law1" in export.remarks[0]
+
+
+def test_what_was_found_on_a_robot_is_in_its_model(tmp_path):
+    def change(mechanism):
+        yielding = np.diag([2e-8, 1e-8, 1e-8, 1e-6, 2e-6, 1e-6])
+        zero = np.array([0.0, 0, 0, 4e-4, 0, 0])
+        drive = np.diag([0.0, 0, 0, 1e-5, 0, 0])
+        bent = np.array([0.0, 1e-4, 2e-4, 0, 0, 0])
+        return mechanism.change_elements(
+            {
+                "<base>": Change(compliance=yielding),
+                "<tool>": Change(compliance=0.5 * yielding, offset=0.1 * bent),
+                "J2": Change(compliance=drive, offset=zero),
+                "J5": Change(compliance=np.diag([0.0, 3e-8, 3e-8, 0, 1e-6, 1e-6])),
+                "fore": Change(offset=bent),
+            }
+        )
+
+    wanted = order(load_robot("serial-arm"), ["home"], change)
+    model, data, _ = load(tmp_path, wanted)
+    mechanism = wanted.assembled.mechanism
+    found = wanted.asked.configurations
+    mujoco.mj_resetDataKeyframe(model, data, 0)
+    home = settling.balance(model, data)
+    nominal = found.tool[0, :3], np.eye(3)
+    # Tilts of 2 mrad against displacements of 1 mm: the linear sag is right to some 1e-3 of it.
+    close(settling.twist(nominal, home), sag(mechanism, found)[0], 0.01)
+    model.opt.gravity[:] = 0.0
+    home = settling.balance(model, data)
+    rest = data.qpos.copy()
+    soft = compliance(mechanism, found)[0]
+    for wrench in np.eye(6):
+        data.qpos[:] = rest
+        moved = settling.twist(home, settling.balance(model, data, wrench))
+        close(moved, soft @ wrench, 0.01)
 
 
 def test_a_lower_highest_frequency_allows_larger_steps(tmp_path):

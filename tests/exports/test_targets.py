@@ -17,7 +17,7 @@ def test_a_target_has_its_name_a_sentence_and_files(name):
     assert all(target.files.values())
 
 
-@pytest.mark.parametrize("name", ["mjcf", "urdf"])
+@pytest.mark.parametrize("name", ["exudyn", "mjcf", "urdf"])
 def test_the_command_writes_the_files_that_a_target_states(name, tmp_path):
     folder = tmp_path / "out"
     answer = tmp_path / "answer.json"

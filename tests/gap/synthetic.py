@@ -45,6 +45,9 @@ class LinearModel:
     def doubt_again(self, parameters):
         del parameters
 
+    def find_equilibria(self, parameters):
+        del parameters
+
     def noise(self):
         n = len(self.nominal)
         return Noise(

@@ -1,11 +1,13 @@
 """A second laboratory: EXUDYN's machine reads as ours does, but for finite displacements."""
 
+import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from stiffscope.lab.blind.cases import BlindCase
+from stiffscope.lab.blind.check import Task, solve
 from stiffscope.lab.blind.drawing import prepare_case
 from stiffscope.lab.blind.laboratory import Lab, blind_robots
 from stiffscope.lab.faults import inject
@@ -59,3 +61,11 @@ def test_exudyn_s_machine_reads_as_ours_but_for_finite_displacements(lab, name):
         size = np.abs(own.value[some]).max()
         # a few hundred micrometres of deflection turn the machine by 1e-3
         assert np.abs(own.value - other.value)[some].max() < 1e-2 * size
+
+
+def test_a_sound_machine_of_exudyn_has_no_gap(lab):
+    robot = replace(lab.robot, mechanics="exudyn")
+    files = solve(robot, Task(robot.name, 7, 3))  # the eighth of ten is sound
+    (outcome,) = json.loads(files["outcome.json"])
+    assert outcome["kind"] == "none"
+    assert outcome["verdict"] == "no-gap"

@@ -27,6 +27,7 @@ from stiffscope.imports.assembly_parts import choose_materials
 from stiffscope.imports.contact_joints import find_joints
 from stiffscope.imports.hardware import find_hardware
 from stiffscope.imports.import_assembly import from_assembly, import_assembly
+from stiffscope.imports.loaded_patches import find_patches
 from stiffscope.imports.said import Said, said_beside
 from stiffscope.robot.inspection import inspect_robot
 from stiffscope.robot.reader import load_robot
@@ -744,3 +745,81 @@ def test_what_an_assembly_has_beside_its_solids_is_told(tmp_path):
     assert any(
         "the same solid twice in one place" in doubt.text for doubt in found.doubts
     )
+
+
+def _slide_on_rod(blocks=(-130, 130), clearance=0.02):
+    """A rod of 10 mm in end blocks on a base, a head on it that slides; mm."""
+    base = b.Pos(0, 0, -10) * b.Box(60, 300, 20)
+    parts = {"base": base}
+    for number, y in enumerate(blocks, 1):
+        block = b.Pos(0, y, 20) * b.Box(40, 20, 40)
+        block -= b.Pos(0, y, 20) * b.Rot(90, 0, 0) * b.Cylinder(5, 20)
+        parts[f"block{number}"] = block
+    parts["rod"] = b.Pos(0, 0, 20) * b.Rot(90, 0, 0) * b.Cylinder(5, 280)
+    bore = b.Pos(0, 0, 20) * b.Rot(90, 0, 0) * b.Cylinder(5 + clearance, 50)
+    parts["head"] = b.Pos(0, 0, 20) * b.Box(40, 50, 30) - bore
+    solids = []
+    for name, shape in parts.items():
+        solid = shape.solid()
+        solid.label = name
+        solids.append(solid)
+    return b.Compound(label="slide", children=solids)
+
+
+@pytest.mark.parametrize("clearance", [0.0, 0.02])
+def test_a_rod_in_end_blocks_is_held_by_them_and_bends_between_its_joints(
+    tmp_path, clearance
+):
+    found = from_assembly(
+        _slide_on_rod(clearance=clearance),
+        tmp_path / "slide.toml",
+        material="*=steel",
+        ground="base",
+        tool="head",
+    )
+    kinds = {frozenset(j.name.split("/")): j.kind for j in found.model.joints}
+    assert kinds[frozenset(("rod", "block1"))] == "fixed"
+    assert kinds[frozenset(("rod", "block2"))] == "fixed"
+    assert kinds[frozenset(("rod", "head"))] == "cylindrical"
+    assert kinds[frozenset(("base", "block1"))] == "fixed"
+    assert kinds[frozenset(("base", "block2"))] == "fixed"
+    assert any("a rod that nothing else holds" in d.text for d in found.doubts)
+    assert not any(d.warning for d in found.doubts)
+    assert any(
+        note.startswith("softest parts") and "rod (" in note
+        for note in found.model.notes
+    )
+    robot = load_robot(tmp_path / "slide.toml")
+    rod = robot.parts["rod"]
+    assert set(rod.interfaces) == {"block1", "block2", "head"}
+    solid = cad.kernel_files.read_step(tmp_path / "slide-parts" / "rod.step")
+    areas = sorted(
+        f.area for f in cad.faces.face_geometries(solid) if f.kind == "cylinder"
+    )
+    long = (280 - 2 * 20 - 50) / 2
+    expected = sorted(2 * np.pi * 5 * each for each in (20, 20, 50, long, long))
+    assert areas == pytest.approx([1e-6 * each for each in expected], rel=1e-9)
+
+
+def test_the_halves_of_a_split_bearing_act_on_their_own_sides_of_a_rod():
+    """The seam of the rod's face may part one of them once more; their borders touch."""
+    rod = b.Rot(90, 0, 0) * b.Cylinder(5, 280)
+    sleeves = []
+    for name, side in (("left", -1), ("right", 1)):
+        half = b.Box(30, 280, 30) - b.Rot(90, 0, 0) * b.Cylinder(5, 280)
+        half &= b.Pos(side * 50, 0, 0) * b.Box(100, 400, 400)
+        solid = half.solid()
+        solid.label = name
+        sleeves.append(solid)
+    inner = rod.solid()
+    inner.label = "rod"
+    whole = b.Compound(label="sleeves", children=[*sleeves, inner])
+    solids, _ = read_built(whole, "sleeves", [])
+    contacts = find_contacts(solids)
+    joints, _ = find_joints(solids, contacts, find_hardware(solids, contacts, {}))
+    loaded = find_patches(2, solids, [j for j in joints if 2 in j.ends])
+    areas = [face.area for face in loaded.solid.faces]
+    whole = 2 * np.pi * 5e-3 * 0.28
+    for own in loaded.faces.values():
+        assert 0.1 * whole < sum(areas[k] for k in own) < 0.5 * whole * (1 + 1e-9)
+    assert loaded.touching

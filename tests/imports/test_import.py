@@ -1,6 +1,7 @@
 """URDF and MJCF become robot files: geometry, masses, joints and closures, and nothing of a simulator's dynamics."""
 
 import re
+import sys
 from itertools import product
 
 import numpy as np
@@ -12,6 +13,8 @@ from stiffscope.imports.compiled_model import compile_at_home
 from stiffscope.imports.import_model import import_model
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.reader import load_robot
+from stiffscope.vjm.kinematics.configurations import configure
+from stiffscope.vjm.statics.analysis import analyse
 from tests.robot import at_home
 
 pytest.importorskip("mujoco")
@@ -638,27 +641,128 @@ def test_numbers_that_are_none_are_refused_in_one_line(
 
 
 @pytest.mark.parametrize(
-    ("broken", "reason"),
-    [
-        ('mass="2" diaginertia="-0.01 0.02 0.02"', "inertia below zero"),
-        ('mass="2" diaginertia="5 0.01 0.01"', "inertia"),
-    ],
-)
-@pytest.mark.parametrize(
     "mesh",
     ["", '<mesh name="hull" file="none.stl"/>'],
     ids=["no mesh", "a missing mesh"],
 )
-def test_masses_that_no_body_has_are_refused_beside_missing_meshes(
-    tmp_path, broken, reason, mesh
-):
+def test_a_negative_inertia_is_refused_beside_missing_meshes(tmp_path, mesh):
     shape = '<geom type="mesh" mesh="hull"/>' if mesh else ""
     (tmp_path / "arm.xml").write_text(
         f'<mujoco><asset>{mesh}</asset><worldbody><body name="arm"><joint name="j" axis="0 1 0"/>'
-        f'<inertial pos="0 0 1" {broken}/>{shape}</body></worldbody></mujoco>'
+        f'<inertial pos="0 0 1" mass="2" diaginertia="-0.01 0.02 0.02"/>{shape}</body></worldbody></mujoco>'
     )
-    with pytest.raises(InputError, match=reason):
+    with pytest.raises(InputError, match="inertia below zero"):
         compile_at_home(tmp_path / "arm.xml", {})
+
+
+def _hinged(inertia, root="", more="", rpy="0 0 0"):
+    """A body of 0.12 kg on a hinge about x, its inertia as given; a root with one of its own."""
+    root = f"<link name='root'>{root}</link>" if root else "<link name='root'/>"
+    return f"""<robot name="hinged">{more}{root}<link name="arm"><inertial>
+      <origin xyz="0.2 0 0" rpy="{rpy}"/><mass value="0.12"/><inertia {inertia}/></inertial></link>
+      <joint name="hinge" type="revolute"><parent link="root"/><child link="arm"/>
+      <axis xyz="1 0 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>"""
+
+
+def _six(xx, yy, zz, xy=0.0, xz=0.0, yz=0.0):
+    return f'ixx="{xx}" iyy="{yy}" izz="{zz}" ixy="{xy}" ixz="{xz}" iyz="{yz}"'
+
+
+_BALANCE = '<mujoco><compiler balanceinertia="true"/></mujoco>'
+
+
+@pytest.mark.parametrize("more", ["", _BALANCE], ids=["plain", "balanced"])
+def test_an_inertia_rounded_beyond_a_body_is_taken_as_given_and_told(imported, more):
+    model, robot, _ = imported(
+        _hinged(_six(4.8e-6, 1.6e-4, 1.649e-4), more=more), ".urdf"
+    )
+    assert robot.bodies["arm"].inertia == pytest.approx(
+        (4.8e-6, 1.6e-4, 1.649e-4, 0, 0, 0), rel=1e-9
+    )
+    told = " ".join(model.notes)
+    assert "the inertia of arm (0.061 %) is more than a body can have" in told
+    assert ("is not applied" in told) == bool(more)
+
+
+@pytest.mark.parametrize("turn", [0.3, 1.2])
+def test_axes_of_an_impossible_inertia_are_turned(imported, turn):
+    """R diag R^T by hand, R about z, whether MuJoCo accepts the inertia or not."""
+    c, s = np.cos(turn), np.sin(turn)
+    rotation = np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
+    moments = 1e-4, 2e-4, 3.0002e-4
+    expected = rotation @ np.diag(moments) @ rotation.T
+    _, robot, _ = imported(_hinged(_six(*moments), rpy=f"0 0 {turn}"), ".urdf")
+    xx, yy, zz, xy, xz, yz = robot.bodies["arm"].inertia
+    np.testing.assert_allclose(
+        [[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], expected, atol=1e-12
+    )
+
+
+def test_an_inertia_that_nobody_uses_is_no_reason_to_refuse(imported):
+    placeholder = '<inertial><mass value="1e-6"/><inertia '
+    placeholder += _six(*[1e-6] * 6) + "/></inertial>"
+    model, robot, _ = imported(
+        _hinged(_six(1e-4, 1e-4, 1e-4), root=placeholder), ".urdf"
+    )
+    assert robot.bodies["arm"].inertia[:3] == pytest.approx((1e-4, 1e-4, 1e-4))
+    assert "the inertia of root is more than a body can have" in model.notes[0]
+
+
+@pytest.mark.parametrize("moments", [(5, 0.01, 0.01), (-0.1, 0.2, 0.2)])
+def test_a_gross_inertia_of_a_moving_body_is_left_out_and_told(imported, moments):
+    model, robot, text = imported(_hinged(_six(*moments)), ".urdf")
+    assert (robot.bodies["arm"].inertia, robot.bodies["arm"].mass) == (None, 0.12)
+    assert "arm (grossly) is more than a body can have" in model.notes[0]
+    assert f"inertia [{moments[0]:.4g}, " in text
+
+
+def test_a_floor_keeps_its_material_without_meshes(imported):
+    text = """<mujoco><asset><mesh name="shade" file="shade.stl"/><texture name="t" type="2d" file="t.png"/>
+      <material name="grey" texture="t"/></asset><worldbody>
+      <geom name="floor" type="plane" size="1 1 1" material="grey"/>
+      <body name="arm"><joint name="hinge" axis="0 1 0"/><inertial pos="0.1 0 0" mass="1" diaginertia="1 1 1"/>
+      <geom name="hull" type="mesh" mesh="shade"/></body></worldbody>
+      <contact><pair geom1="floor" geom2="hull"/></contact></mujoco>"""
+    model, robot, _ = imported(text, ".xml")
+    assert robot.bodies["arm"].mass == 1.0
+    assert any("without its meshes" in note for note in model.notes)
+
+
+def test_only_what_floats_is_held_not_what_hangs_on_it(imported):
+    """k/L^2 and two springs in series: M is at the knee, 0.2 m below the hip."""
+    text = """<mujoco model="leg"><worldbody><body name="trunk" pos="0 0 0.5"><freejoint/>
+      <inertial pos="0 0 0" mass="5" diaginertia="0.1 0.1 0.1"/>
+      <body name="thigh" pos="0.1 0 0"><joint name="hip" axis="0 1 0" range="-1 1"/>
+      <inertial pos="0 0 -0.1" mass="1" diaginertia="0.01 0.01 0.01"/>
+      <body name="shank" pos="0 0 -0.2"><joint name="knee" axis="0 1 0" range="-2 1"/>
+      <inertial pos="0 0 -0.1" mass="0.5" diaginertia="0.01 0.01 0.01"/></body></body></body></worldbody></mujoco>"""
+    model, robot, _ = imported(text, ".xml", drives=["*=1000 N*m/rad"])
+    assert set(robot.joints) == {"hip", "knee", "trunk.held"}
+    assert [note for note in model.notes if "floats" in note] == [
+        '"trunk" floats in the source; it is fixed to the ground here'
+    ]
+    state = analyse(mechanism_of(robot, {}), [robot.poses["home"]])
+    soft = state.compliance[0].diagonal()
+    assert 1.0 / soft[[0, 4]] == pytest.approx([1000 / 0.2**2, 500.0])
+
+
+def test_words_of_drivers_in_a_limit_are_left_out_and_told(imported):
+    own = 'upper="0.2" command_effort="3" current="2"'
+    model, robot, _ = imported(ARM.replace('upper="0.2"', own), ".urdf")
+    assert len(robot.joints) == 2
+    told = " ".join(model.notes)
+    assert "limit.command_effort, which URDF does not know, is left out" in told
+    with pytest.raises(InputError, match='did you mean "upper"'):
+        imported(ARM.replace('upper="0.2"', 'uper="0.2"'), ".urdf", path="new.toml")
+
+
+def test_a_broken_mujoco_is_not_a_missing_one(tmp_path, monkeypatch):
+    (tmp_path / "arm.urdf").write_text(ARM)
+    (tmp_path / "mujoco.py").write_text('raise ImportError("libGL.so.1 is missing")')
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.delitem(sys.modules, "mujoco")
+    with pytest.raises(InputError, match=r"does not load \(libGL.so.1 is missing\)"):
+        compile_at_home(tmp_path / "arm.urdf", {})
 
 
 def test_a_link_without_mass_is_taken_and_the_others_keep_theirs(imported):
@@ -764,3 +868,90 @@ def test_a_material_that_is_none_is_refused_for_a_urdf(imported, tmp_path):
         InputError, match="--material: expected a STEP assembly or a URDF"
     ):
         imported(FOUR_BAR, ".xml", materials=["*=steel"])
+
+
+FIVE_BAR = """<robot name="five-bar"><link name="base"/>
+  {links}
+  {joints}
+</robot>"""
+
+
+def _five_bar(tmp_path, kind="6d", frame="left_end"):
+    """Two arms of two links in the plane x, z, whose ends coincide only if the elbows are bent."""
+    links = ["left_1", "left_2", "left_end", "right_1", "right_2", "right_end"]
+    mass = '<inertial><mass value="1"/><inertia ixx="1e-2" iyy="1e-2" izz="1e-2" ixy="0" ixz="0" iyz="0"/></inertial>'
+    bodies = "".join(
+        f'<link name="{n}">{"" if "end" in n else mass}</link>' for n in links
+    )
+    rows = [
+        ("left_1", "revolute", "base", "left_1", "0 0 0"),
+        ("left_2", "revolute", "left_1", "left_2", "-0.1 0 0.2"),
+        ("left_3", "fixed", "left_2", "left_end", "0.16 0 0.2"),
+        ("right_1", "revolute", "base", "right_1", "0.1 0 0"),
+        ("right_2", "revolute", "right_1", "right_2", "0.1 0 0.2"),
+        ("right_3", "revolute", "right_2", "right_end", "-0.15 0 0.2"),
+    ]
+    joints = "".join(
+        f'<joint name="{n}" type="{t}"><parent link="{p}"/><child link="{c}"/><origin xyz="{o}"/><axis xyz="0 1 0"/>'
+        '<limit lower="-2" upper="2" effort="1" velocity="1"/></joint>'
+        for n, t, p, c, o in rows
+    )
+    (tmp_path / "loops.yaml").write_text(
+        f"closed_loop: [['{frame}', 'right_end']]\ntype: ['{kind}']\nname_mot: ['left_1', 'right_1']\n"
+    )
+    return FIVE_BAR.format(links=bodies, joints=joints)
+
+
+@pytest.mark.parametrize("kind", ["6d", "3D"])
+def test_loops_beside_a_urdf_close_it(imported, tmp_path, kind):
+    """Two drives, two coordinates; the closed frames coincide, and K is that of J^-T k J^-1 by differences."""
+    text = _five_bar(tmp_path, kind)
+    model, robot, _ = imported(
+        text,
+        ".urdf",
+        drives=["left_1=1000 N*m/rad", "right_1=2000 N*m/rad"],
+        loops=tmp_path / "loops.yaml",
+        tool="left_end",
+    )
+    (loop,) = [j for name, j in robot.joints.items() if name.startswith("loop")]
+    assert loop.type == ("fixed" if kind == "6d" else "spherical")
+    assert robot.tool.pose == ("x", "z")
+    assert any("1 loops are closed as loops.yaml says" in note for note in model.notes)
+    mechanism = mechanism_of(robot, {})
+    home = mechanism.tool.home
+    step = 1e-5
+    poses = home + step * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
+    drives = configure(mechanism, poses).drives
+    rates = np.array([drives[0] - drives[1], drives[2] - drives[3]]).T / (2 * step)
+    expected = rates.T @ np.diag([1000.0, 2000.0]) @ rates
+    found = np.linalg.inv(
+        analyse(mechanism, home[None]).compliance[0][np.ix_([0, 2], [0, 2])]
+    )
+    np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (
+            "closed_loop: [['left_edn', 'right_end']]",
+            'got "left_edn"; did you mean "left_end"',
+        ),
+        ("closed_loop: [['left_end']]", "expected pairs of frames"),
+        (
+            "closed_loop: [['left_end', 'right_end']]\ntype: ['5d']",
+            '"3d" or "6d" for each of 1',
+        ),
+        ("loops: 3", "closed_loop: expected pairs of frames, got none"),
+        ("a: [", "expected YAML"),
+        (
+            "closed_loop: []\njoint_name: ['left_1']\njoint_type: ['HELIX']",
+            "expected one of SPHERICAL",
+        ),
+    ],
+)
+def test_loops_that_are_none_are_refused(imported, tmp_path, content, message):
+    text = _five_bar(tmp_path)
+    (tmp_path / "loops.yaml").write_text(content)
+    with pytest.raises(InputError, match=message):
+        imported(text, ".urdf", loops=tmp_path / "loops.yaml")

@@ -8,6 +8,8 @@ from PIL import Image
 
 from stiffscope.cli.main import cli
 from stiffscope.errors import InputError
+from stiffscope.experiments.comparison import _list_sources
+from stiffscope.robot.reader import load_robot
 
 
 def test_twice_the_drives_of_a_robot_of_drives_alone_is_twice_the_stiffness(
@@ -120,3 +122,23 @@ def test_a_pose_that_cannot_be_commanded_is_refused_at_its_line(
         match=r"one.toml:12: tool.pose: expected coordinates that the mechanism can move in",
     ):
         cli([*arguments, "--out", "out"], standalone_mode=False)
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        "slider.thickness=25mm",
+        "slider.rib_count=3",
+        "materials.steel.youngs_modulus=200GPa",
+    ],
+)
+def test_a_part_of_another_shape_or_material_has_no_published_matrix(change):
+    def printed(part, *changes):
+        return _list_sources(load_robot("biglide", changes), part)["published"]
+
+    assert printed("slider") is not None
+    assert printed("link") is not None
+    assert printed("slider", change) is None
+    assert (printed("link", change) is None) == ("materials" in change)
+    assert printed("link", "link.bore=5mm") is None
+    assert printed("slider", "slider.rib_height=9mm") is not None

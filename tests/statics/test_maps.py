@@ -23,6 +23,8 @@ from stiffscope.statics.maps import (
     write_map,
 )
 from stiffscope.statics.show.maps import (
+    Panel,
+    _fill,
     _limits,
     _mark,
     draw_map,
@@ -195,6 +197,23 @@ def test_a_few_stiff_poses_do_not_swallow_the_colours():
     low, high, clipped = _limits(values)
     assert clipped
     assert 1.0 < low < high < 2.0
+
+
+@pytest.mark.parametrize(
+    ("spread", "constant"), [(0.0, True), (6e-5, True), (2e-3, False)]
+)
+def test_a_constant_is_called_so_and_has_no_range_of_colours(stewart, spread, constant):
+    found = map_robot(*stewart, 5, "none")
+    values = 8.0 * (1.0 + spread * np.linspace(0.0, 1.0, 25).reshape(5, 5))
+    figure = new_figure(4.0, 4.0, "")
+    axes = figure.add_subplot()
+    _fill(axes, found, Panel("$K_{tz}$ (N/µm)", values))
+    texts = [text.get_text() for text in axes.texts if "constant" in text.get_text()]
+    assert bool(texts) == constant
+    if constant:
+        told = "constant: 8" if not spread else "constant: 8.0002\n± 0.003 %"
+        assert texts == [told]
+        assert not axes.child_axes  # no colour bar
 
 
 def test_a_figure_is_written_alike_every_time(tmp_path):

@@ -375,3 +375,138 @@ def test_limbs_off_the_path_to_the_tool_change_nothing(rng):
         assert (np.abs(a.compliance - b.compliance) < 1e-6 * size).all(), trial
         assert np.allclose(a.sag, b.sag, rtol=1e-9, atol=1e-12), trial
         assert np.isfinite(respond(whole, found, np.eye(6), gravity=1.0).twist).all()
+
+
+NEARLY = [
+    ([0, 0, 1], [0.07, 0, 0.08]),
+    ([0, 1, 0], [0.02, 0, 0.15]),
+    ([0, 1, 0], [0.015, 0, -0.15]),
+    ([0, 0, 1], [0.056, 0, -0.05]),
+    ([0, 1, 0], [0.015, 0, 0.015]),
+]
+
+
+@pytest.mark.parametrize("gravity", ["none", "exact"])
+@pytest.mark.parametrize("off", [1e-3, 1e-4, 1e-5, 2.65e-6, 1e-6, 1e-7, 1e-9, 0.0])
+def test_an_axis_typed_with_few_digits_frees_nothing(off, gravity):
+    """C = J diag(1/k) J^T, whatever the condition of K; what is stiffer by a million is nearly rigid."""
+    axes = [axis for axis, _ in NEARLY] + [[off, 0, 1]]
+    places = [at for _, at in NEARLY] + [[-0.025, 0, -0.13]]
+    m = arm(
+        axes,
+        places,
+        [-0.025, 0, -0.34],
+        ("x", "y", "z", "rx", "ry"),
+        (0, 0, -9.81),
+        stiff=1e4,
+    )
+    found = configure_drives(m, np.zeros((1, 6)))
+    state = analyse(m, found, gravity=gravity)
+    known = own_compliance(m, np.zeros(6))
+    within = 1e-12 if gravity == "none" else 1e-2
+    assert np.allclose(
+        state.compliance[0], known, rtol=0, atol=within * np.abs(known).max()
+    )
+    assert state.mobility[0] == 0
+    told = rigid_note(state.rigid[0]) or singular_note(
+        state.matrix[0], state.compliance[0]
+    )
+    assert "free" not in (told or "")
+    assert ("rigid" in (told or "")) == (off < 2e-3)
+    if gravity == "none":
+        alone = 1.0 / np.diag(known)
+        sure = np.diag(known) > 1e-10 * np.diag(known).max()
+        assert np.allclose(state.alone[0][sure], alone[sure], rtol=1e-9)
+        assert state.nearly_rigid[0].tolist() == [
+            False,
+            False,
+            False,
+            off < 1e-3,
+            False,
+            False,
+        ]
+        twist = deflection(m, found, [10.0, -3, 2, 0.1, 0.2, 0.3]).twist[0]
+        assert np.allclose(
+            twist,
+            known @ [10.0, -3, 2, 0.1, 0.2, 0.3],
+            atol=1e-11 * np.abs(known).max(),
+        )
+    else:
+        expected = jacobian(m, np.zeros(6)) @ (
+            weight_torques(m, np.zeros(6))
+            / np.array([j.drive.stiffness for j in m.joints])
+        )
+        assert np.allclose(state.sag[0], expected, rtol=1e-9, atol=1e-13)
+
+
+def test_a_drive_between_bodies_that_are_fixed_gives_no_stiffness_below_zero():
+    """Trunk, thigh and shank are each fixed to the ground; the hinges between them move nothing."""
+    bodies = tuple(Body(name, 1.0, [0.1, 0, 0]) for name in ("trunk", "thigh", "shank"))
+    held = tuple(
+        Joint(f"{body.name}.held", "ground", body.name, "fixed", [0.1, 0, 0.3])
+        for body in bodies
+    )
+    hinges = tuple(
+        Joint(
+            f"{one}-{other}",
+            one,
+            other,
+            "revolute",
+            [0.1, 0, height],
+            [0, 1, 0],
+            drive=Drive(1000.0),
+        )
+        for one, other, height in (("trunk", "thigh", 0.5), ("thigh", "shank", 0.3))
+    )
+    m = Mechanism(bodies, held + hinges, Tool("shank", [0.1, 0, 0.3], SIX))
+    state = analyse(m, m.tool.home[None])
+    assert state.nearly_rigid.all()
+    assert not (state.alone <= 0.0).any()
+    assert len(state.rigid[0]) == 6
+
+
+@pytest.mark.parametrize("drives", [(), (1e5,)])
+def test_the_one_pose_of_what_cannot_move_is_an_empty_one(drives):
+    """Drives hold what would move, or a weld does; [] is where it stands."""
+    kind = ("prismatic", [1, 0, 0]) if drives else ("fixed", None)
+    drive = {"drive": Drive(*drives)} if drives else {}
+    joint = Joint(
+        "only",
+        "ground",
+        "body",
+        kind[0],
+        [0, 0, 0],
+        kind[1],
+        compliance=None if drives else 1e-6 * np.eye(6),
+        **drive,
+    )
+    m = Mechanism(
+        (Body("body", 2.0, [0, 0, 0]),),
+        (joint,),
+        Tool("body", [0, 0, 0.1], ()),
+        (0, -9.81, 0),
+    )
+    found = configure(m, np.zeros((3, 0)))
+    assert found.valid.tolist() == [True] * 3
+    assert found.poses.shape == (3, 0)
+    soft = analyse(m, found).compliance[:, 0, 0]
+    assert np.allclose(soft, 1e-5 if drives else 1e-6 * (1 + 0.01))
+
+
+def test_a_tool_that_moves_freely_is_not_rigid():
+    """A slide without a drive: no compliance exists, and nothing is called rigid."""
+    joint = Joint(
+        "slide",
+        "ground",
+        "body",
+        "prismatic",
+        [0, 0, 0],
+        [1, 0, 0],
+        compliance=np.diag([0, 1e-8, 1e-8, 1e-6, 1e-6, 1e-6]),
+    )
+    m = Mechanism(
+        (Body("body", 1.0, [0, 0, 0]),), (joint,), Tool("body", [0, 0, 0.1], ("x",))
+    )
+    state = analyse(m, m.tool.home[None])
+    assert state.mobility.tolist() == [1]
+    assert not state.nearly_rigid.any()

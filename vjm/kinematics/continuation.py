@@ -113,7 +113,8 @@ def find_solver(mechanism: Mechanism, given: Given) -> Solver:
                 names = ", ".join(mechanism.tool.pose[k] for k in sorted(locked))
                 expected = "coordinates that the mechanism can move in at home"
                 raise InputError(
-                    f"tool.pose: expected {expected}, got {names}, held there or by the others"
+                    f"tool.pose: expected {expected} ([] if in none), got {names}, "
+                    "held there or by the others"
                 )
             start, displaced = found
         placed = linkage.place_links(start[:, None])
@@ -132,6 +133,8 @@ def find_solver(mechanism: Mechanism, given: Given) -> Solver:
 def _differentiate_rates(closure: Closure, start: Array, rates: Array) -> Array:
     """Return central differences (m, k, k) of the rates (m, k, 1) by known coordinates."""
     linkage = closure.linkage
+    if not linkage.known:
+        return np.zeros((linkage.size, 0, 0))
     step = _STEP * linkage.scale[linkage.known]
     ahead, behind = (start[:, None] + rates[..., 0] * way for way in (step, -step))
     change = closure.rates(linkage.place_links(ahead)) - closure.rates(
@@ -257,6 +260,13 @@ def follow_paths(solver: Solver, values: Array, size: int) -> Iterator[Followed]
     size
         Configurations per chunk; more take more memory.
     """
+    if not values.shape[1]:  # nothing is commanded: the one pose of a structure
+        for first in range(0, max(len(values), 1), size):
+            count = len(values[first : first + size])
+            q = np.repeat(solver.start[:, None], count, axis=1)
+            placed = solver.linkage.place_links(q)
+            yield Followed(q, placed, np.zeros(count, dtype=np.int8))
+        return
     if len(values) <= _FEW:
         yield Reached(solver).visit(values)
         return

@@ -257,7 +257,7 @@ def _coordinates(rates: JointRates, tool: Array) -> dict[str, str]:
 
 def _measure_conditioning(pose: Array, drives: Array) -> float | None:
     """Return the inverse condition number from drives to commanded coordinates, (d, k) and (p, k)."""
-    if len(drives) != len(pose):
+    if len(drives) != len(pose) or not len(pose):
         return None
     forward = pose @ np.linalg.pinv(drives, rcond=RANK)
     backward = drives @ np.linalg.pinv(pose, rcond=RANK)

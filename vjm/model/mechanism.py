@@ -42,7 +42,8 @@ DIAGONAL = ("K_tx", "K_ty", "K_tz", "K_rx", "K_ry", "K_rz")  # of a stiffness ma
 class Tool:
     """Tool point M, ``at`` (3,) in m, on a body or one of its ends, and the coordinates of a pose.
 
-    ``pose``: some of x y z (m) and rx ry rz (rotation vector from home, rad); others follow.
+    ``pose``: some of x y z (m) and rx ry rz (rotation vector from home, rad); others follow. None
+    of them is the one pose of a structure that cannot move.
     """
 
     body: str
@@ -52,7 +53,7 @@ class Tool:
     def __post_init__(self) -> None:
         assign(self, "at", check_vector(self.at, "tool.at", "a position in m"))
         pose = tuple(self.pose)
-        if not pose or len(set(pose)) < len(pose) or not set(pose) <= set(COORDINATES):
+        if len(set(pose)) < len(pose) or not set(pose) <= set(COORDINATES):
             known = ", ".join(COORDINATES)
             raise InputError(
                 f"tool.pose: expected some of {known}, each once, got {list(pose)}"

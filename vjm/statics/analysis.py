@@ -24,13 +24,13 @@ from stiffscope.vjm.kinematics.configurations import (
 from stiffscope.vjm.kinematics.datasets import Labelled, make_dataset
 from stiffscope.vjm.network.condensation import InfiniteStiffnessError, condense_network
 from stiffscope.vjm.network.loading import Loads
-from stiffscope.vjm.network.network import END, place_nodes
+from stiffscope.vjm.network.network import END, list_elements, place_nodes
 from stiffscope.vjm.network.order import find_order, stack_columns
 from stiffscope.vjm.statics.equilibrium import (
     find_equilibrium,
     map_segments,
     solve_condensed,
-    solve_loads,
+    solve_unstiffened,
     tool_stiffness,
 )
 from stiffscope.vjm.statics.prestress import (
@@ -42,6 +42,8 @@ from stiffscope.vjm.statics.singularity import (
     characteristic_length,
     count_freedoms,
     invert_stiffness,
+    is_ill_conditioned,
+    nearly_rigid,
     rigid_wrenches,
 )
 
@@ -62,6 +64,7 @@ if TYPE_CHECKING:
 
 Gravity = Literal["none", "exact"]
 _ROUNDING = 1e-12  # of a unit wrench, squared: what is not rigid
+_SINGLY = 256  # poses of doubtful stiffness that are solved one by one if need be
 _FAR = 0.1  # rad or relative length: sag beyond which linearization is invalid
 _UNKNOWN = np.full((1, 6, 6), np.nan)
 
@@ -96,9 +99,10 @@ class Stiffness(Labelled):
         return self.configurations.tool
 
     @property
-    def finite(self) -> Array:
-        """Stiffness (n, 6, 6); if infinite, 1/C_ii: each direction with all others free."""
-        out = self.matrix.copy()
+    def alone(self) -> Array:
+        """Stiffness 1/C_ii (n, 6) of each direction with all others free: a push; NaN if rigid."""
+        soft = np.einsum("nii->ni", self.compliance)
+        out = 1.0 / np.where(soft > 0.0, soft, np.nan)
         counts = np.array([len(each) for each in self.rigid], dtype=int)
         for count in set(counts.tolist()) - {0}:
             some = np.flatnonzero(counts == count)
@@ -106,12 +110,26 @@ class Stiffness(Labelled):
             within = np.square(np.linalg.qr(rigid.mT)[0]).sum(
                 axis=2
             )  # of each unit wrench
-            alone = np.where(
-                within < 1.0 - _ROUNDING,
-                np.einsum("nii->ni", self.compliance[some]),
-                np.nan,
-            )
-            out[some] = np.where(np.eye(6, dtype=bool), 1.0 / alone[:, None], np.nan)
+            out[some] = np.where(within < 1.0 - _ROUNDING, out[some], np.nan)
+        return out
+
+    @property
+    def nearly_rigid(self) -> NDArray[np.bool_]:
+        """Directions (n, 6) that are rigid, or stiffer than the others by a million.
+
+        None where the compliance is unknown, as the tool moves freely.
+        """
+        known = np.isfinite(self.compliance).all(axis=(1, 2))
+        found = nearly_rigid(self.alone, self.configurations.linkage.length)
+        return found & known[:, None]
+
+    @property
+    def finite(self) -> Array:
+        """Stiffness (n, 6, 6); if infinite, 1/C_ii: each direction with all others free."""
+        out = self.matrix.copy()
+        stuck = np.flatnonzero([len(each) for each in self.rigid])
+        alone = self.alone[stuck]
+        out[stuck] = np.where(np.eye(6, dtype=bool), alone[:, None], np.nan)
         return out
 
     @property
@@ -299,10 +317,10 @@ def analyse(
     free[stuck] = 0
     inverse_condition[stuck] = 0.0
     rigid: list[Array] = [np.zeros((0, 6))] * len(found)
+    length = found.linkage.length
+    own = own_compliance(mechanism, length)
     for k, wrenches in zip(
-        np.flatnonzero(stuck),
-        rigid_wrenches(plain[stuck], found.linkage.length),
-        strict=True,
+        np.flatnonzero(stuck), rigid_wrenches(plain[stuck], length, own), strict=True
     ):
         rigid[k] = wrenches
     return Stiffness(
@@ -318,6 +336,7 @@ def _complete_compliance(
     inverse_condition = np.full(len(matrix), np.nan)
     known = np.isfinite(matrix).all(axis=(1, 2))
     free[known], inverse_condition[known] = count_freedoms(matrix[known])
+    free[np.isfinite(yielding).all(axis=(1, 2))] = 0  # what has a compliance is held
     completed = np.where(np.isnan(yielding), invert_stiffness(matrix, free), yielding)
     return completed, free, inverse_condition
 
@@ -386,11 +405,24 @@ def _propagate_errors(
     return map_chunks(mechanism, poses, (6, 6), work)
 
 
+def own_compliance(mechanism: Mechanism, length: float) -> float:
+    """Return the largest compliance of a mechanism's elements, 1/(N·m), with a length as unit."""
+    scale = np.array([1.0 / length] * 3 + [1.0] * 3)
+    sizes = [0.0]
+    for element in list_elements(mechanism):
+        scaled = element.factor * scale[:, None]
+        sizes.append(float(np.square(scaled).sum()))
+    return max(sizes)
+
+
 def _find_stiffness(order: Order, where: Places, gravity: Gravity) -> Array:
     """Return the stiffness (n, 6, 6)."""
-    if gravity == "none":
-        return tool_stiffness(condense_network(order, where))
-    return _at_weight(order, where, loaded_stiffness, 7)[..., :6]
+    if gravity != "none":
+        return _at_weight(order, where, loaded_stiffness, 7)[..., :6]
+    found = tool_stiffness(condense_network(order, where))
+    if not is_ill_conditioned(found, order.length).any():
+        return found
+    return _find_matrices(order, where, gravity)[..., :6]
 
 
 def _at_weight(order: Order, where: Places, work: Work, columns: int) -> Array:
@@ -416,23 +448,51 @@ def _find_matrices(order: Order, where: Places, gravity: Gravity) -> Array:
             if loaded
             else tool_stiffness(condense_network(order, where))
         )
-        return stack_columns(
-            [found[..., :6], _UNKNOWN, found[..., 6:] if loaded else still]
-        )
     except InfiniteStiffnessError:
-        if loaded:
-            found = loaded_compliance(order, where)
-        else:
-            unit = solve_loads(order, where, Loads(6, {END: np.eye(6)[None]})).twist
-            found = stack_columns([0.5 * (unit + unit.mT), still])
+        return _invert_compliance(order, where, gravity)
+    out = stack_columns([found[..., :6], _UNKNOWN, found[..., 6:] if loaded else still])
+    known = np.isfinite(out[..., :6]).all(axis=(1, 2))
+    doubtful = np.zeros(len(out), dtype=bool)
+    doubtful[known] = is_ill_conditioned(out[known, :, :6], order.length)
+    if not doubtful.any():
+        return out
+    out = np.array(np.broadcast_to(out, (len(where.tool), 6, 13)))
+    some = np.flatnonzero(np.broadcast_to(doubtful, len(out)))
+    single = some if len(some) <= _SINGLY else some[:0]
+    for part in (some, *([k] for k in single)):  # all at once, else one by one
+        try:
+            out[part] = _invert_compliance(order, where.some(np.array(part)), gravity)
+        except InputError:  # its tool moves freely: the stiffness is right
+            continue
+        if part is some:
+            break
+    return out
+
+
+def _invert_compliance(order: Order, where: Places, gravity: Gravity) -> Array:
+    """Return compliances, their inverses and sag as ``_find_matrices``; NaN where rigid."""
+    if gravity == "exact":
+        found = loaded_compliance(order, where)
+    else:
+        loads = Loads(6, {END: np.eye(6)[None]})
+        unit = solve_unstiffened(order, where, loads).twist
+        found = stack_columns([0.5 * (unit + unit.mT), np.zeros((1, 6, 1))])
     matrix = np.full((len(found), 6, 6), np.nan)
     yielding = found[..., :6]
     known = np.flatnonzero(np.isfinite(yielding).all(axis=(1, 2)))
-    firm = known[
-        [not len(each) for each in rigid_wrenches(yielding[known], order.length)]
-    ]
-    matrix[firm] = np.linalg.inv(yielding[firm])
+    own = own_compliance(order.mechanism, order.length)
+    rigid = rigid_wrenches(yielding[known], order.length, own)
+    firm = known[[not len(each) for each in rigid]]
+    matrix[firm] = _invert_scaled(yielding[firm])
     return np.concatenate([matrix, found], axis=2)
+
+
+def _invert_scaled(matrices: Array) -> Array:
+    """Return the inverses of compliances (n, 6, 6), scaled to a unit diagonal to keep digits."""
+    root = np.sqrt(np.einsum("nii->ni", matrices))
+    scale = 1.0 / (root[:, :, None] * root[:, None, :])
+    out = np.linalg.inv(matrices * scale) * scale
+    return 0.5 * (out + out.mT)
 
 
 def _find_unloaded(order: Order, where: Places, gravity: Gravity) -> Array:

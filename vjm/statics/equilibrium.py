@@ -25,6 +25,7 @@ from stiffscope.vjm.network.loading import Loads, Response
 from stiffscope.vjm.network.network import END
 from stiffscope.vjm.network.order import find_order
 from stiffscope.vjm.network.saddle import saddle_stiffness, solve_saddle
+from stiffscope.vjm.statics.singularity import is_ill_conditioned
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -70,7 +71,18 @@ def solve_loads(
     try:
         state = condense_network(order, where)
     except InfiniteStiffnessError:
-        state = condense_network(order.unstiffened_order, where)
+        return solve_unstiffened(order, where, loads, wanted)
+    if not order.left and is_ill_conditioned(tool_stiffness(state), order.length).any():
+        with suppress(InputError):  # else its tool moves freely, and the loads may not
+            return solve_unstiffened(order, where, loads, wanted)
+    return solve_condensed(state, loads, wanted=wanted)
+
+
+def solve_unstiffened(
+    order: Order, where: Places, loads: Loads, wanted: Wanted = "all"
+) -> Response:
+    """Do as ``solve_loads`` without any stiffness, which may be infinite or ill-conditioned."""
+    state = condense_network(order.unstiffened_order, where)
     return solve_condensed(state, loads, wanted=wanted)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,7 +17,11 @@ if TYPE_CHECKING:
 
 _FREE = 1e-9  # of the fourth principal stiffness: a smaller one is free
 _LOST = 1e-12  # of the largest principal stiffness: rounding
-_RIGID = 1e-10  # relative principal compliance below which a direction is rigid
+_RIGID = 1e-12  # of the robot's own compliance: a direction of less is rigid
+_STIFF = (
+    1e6  # ratio of principal stiffnesses beyond which digits of the soft ones are lost
+)
+_ROUNDED = 1e-14  # of the tool's largest compliance: less is rounding
 _ROUNDING = 1e-9  # of a wrench's largest component
 _NEAR = 1e-6  # relative principal stiffness below which a pose is near singular
 _SHORT = 1e-6  # m from the tool to a line that passes through it, but for rounding
@@ -62,14 +67,52 @@ def count_freedoms(matrix: Array) -> tuple[NDArray[np.int_], Array]:
     return np.sum(size < least, axis=-1), np.clip(values / largest, 0.0, None)[..., 0]
 
 
-def rigid_wrenches(compliance: Array, length: float) -> tuple[Array, ...]:
+def nearly_rigid(alone: Array, length: float) -> NDArray[np.bool_]:
+    """Return which of stiffnesses 1/C_ii (n, 6) are beyond those of the others, by a million.
+
+    They are nearly rigid, and their digits say nothing. NaN is rigid. ``length`` (m) scales rotations.
+    """
+    scaled = alone * np.repeat([1.0, length**-2.0], 3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", RuntimeWarning)  # all of a row may be NaN
+        usual = np.nanmedian(scaled, axis=1, keepdims=True)
+    return np.isnan(alone) | (scaled > _STIFF * usual)
+
+
+def is_ill_conditioned(matrix: Array, length: float) -> NDArray[np.bool_]:
+    """Return where stiffnesses (n, 6, 6) are so different by direction that digits are lost.
+
+    There the compliance is to be found by itself, not as the inverse of the stiffness; a direction
+    without stiffness may be free, or so soft beside the others. ``length`` (m) scales rotations.
+    """
+    scale = np.repeat([1.0, 1.0 / length], 3)
+    values = np.abs(np.linalg.eigvalsh(matrix * np.outer(scale, scale)))
+    largest = values.max(axis=-1)
+    return (largest > 0.0) & (largest > _STIFF * values.min(axis=-1))
+
+
+def rigid_wrenches(
+    compliance: Array, length: float, own: float = 0.0
+) -> tuple[Array, ...]:
     """Return unit wrenches (k, 6) that do not deflect each of compliances (n, 6, 6).
 
-    Each has a component that the others lack. ``length`` scales rotations.
+    Each has a component that the others lack.
+
+    Parameters
+    ----------
+    compliance
+        Compliances (n, 6, 6) of the tool.
+    length
+        Scales rotations, m.
+    own
+        Largest compliance of the robot's elements, with ``length`` as unit, 1/(N·m); by default
+        that of the tool. A tool that is rigid in all directions has rounding alone.
     """
     scale = np.repeat([1.0 / length, 1.0], 3)
     values, vectors = np.linalg.eigh(compliance * np.outer(scale, scale))
-    counts = np.sum(values <= _RIGID * values[:, -1:].clip(min=1e-300), axis=1)
+    largest = values[:, -1:].clip(min=1e-300)
+    least = np.maximum(_RIGID * (own or largest), _ROUNDED * largest)
+    counts = np.sum(values <= least, axis=1)
     out = [np.zeros((0, 6))] * len(compliance)
     for count in set(counts.tolist()) - {0}:
         some = np.flatnonzero(counts == count)
@@ -129,16 +172,27 @@ def _name_rigid(direction: Direction) -> str:
     return f"{direction}, its line ({', '.join(f'{1e3 * d + 0.0:.4g}' for d in offset.round(9))}) mm away"
 
 
-def singular_note(matrix: Array) -> str | None:
-    """Describe a stiffness (6, 6) at or near a singularity; None if it is regular."""
+def singular_note(matrix: Array, compliance: Array | None = None) -> str | None:
+    """Describe a stiffness (6, 6) at or near a singularity; None if it is regular.
+
+    ``compliance``: its inverse (6, 6), if known: nothing is free then, whatever K's condition.
+    """
     if not np.isfinite(matrix).all():
         return None
-    count, inverse_condition = count_freedoms(matrix)
+    if compliance is not None and np.isfinite(compliance).all():
+        count = 0
+        values, vectors = _principal_of_compliance(compliance)
+        inverse_condition = values[0] / values[-1]
+        usual = np.sqrt(values[2] * values[3])
+        stiff = values[-1] * values[0] > usual**2
+    else:
+        count, inverse_condition = count_freedoms(matrix)
+        values, vectors = principal(matrix)
+        stiff = values[0] * values[-1] > values[3] ** 2
     if not count and inverse_condition > _NEAR:
         return None
-    values, vectors = principal(matrix)
     rest = f"inverse condition number {inverse_condition:.2g}"
-    if not count and values[0] * values[-1] > values[3] ** 2:
+    if not count and stiff:
         return f"near a singular pose, nearly rigid: {_name_wrenches((matrix @ vectors[:, -1:]).T)}; {rest}"
     twist = vectors[:, 0]
     size = np.abs(vectors[:, 0])
@@ -153,3 +207,21 @@ def singular_note(matrix: Array) -> str | None:
     if values[0] < -max(_NEAR * values[3], _LOST):
         state = "unstable, the loads overturn it"
     return f"{state}: softest twist ({softest}), {rest}"
+
+
+def _principal_of_compliance(compliance: Array) -> tuple[Array, Array]:
+    """Return ascending principal stiffnesses (6,) and twists (6, 6) of a compliance (6, 6).
+
+    Scaled by the length that equates mean compliances, which no rigid direction spoils.
+    """
+    diagonal = np.diag(compliance)
+    length = np.sqrt(
+        max(diagonal[:3].sum(), 0.0) / max(diagonal[3:].sum(), 1e-300)
+    ).clip(*_LENGTHS)
+    scale = np.repeat([1.0 / length, 1.0], 3)
+    unit = compliance * np.outer(scale, scale)
+    soft, vectors = np.linalg.eigh(unit)
+    floor = np.finfo(float).eps * np.abs(soft).max()
+    sizes = np.where(np.abs(soft) > floor, soft, floor)
+    order = np.argsort(1.0 / sizes)
+    return (1.0 / sizes)[order] * np.abs(soft).max(), vectors[:, order] / scale[:, None]

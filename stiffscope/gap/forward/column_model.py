@@ -124,6 +124,10 @@ class ColumnModel:
         """Return none: predictions have no instruments."""
         del parameters
 
+    def find_equilibria(self, parameters: Parameters) -> None:
+        """Return none: predictions are what they are."""
+        del parameters
+
     def noise(self) -> Noise:
         """Return the noise: stated, or an unknown factor times the reading or its kind's rms."""
         c = self.campaign

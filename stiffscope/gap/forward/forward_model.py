@@ -122,6 +122,10 @@ class ForwardModel(Protocol):
         """Return the model with other faults of instruments that a prediction shows, if any."""
         ...
 
+    def find_equilibria(self, parameters: Parameters) -> ForwardModel | None:
+        """Return the model at the equilibria reached with these effects, if readings show them."""
+        ...
+
     def noise(self) -> Noise:
         """Return noise and gross outliers of the readings."""
         ...

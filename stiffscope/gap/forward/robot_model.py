@@ -53,6 +53,8 @@ class RobotModel:
     """An effect excluded from the library."""
     most_effects: int = 5
     tried: tuple[tuple[Candidate, ...], ...] = ()
+    exact: bool = False
+    """Whether motions are those of the equilibrium reached."""
     doubts: Doubts | None = None
     """Doubts about instruments (default: by the nominal prediction)."""
 
@@ -122,6 +124,14 @@ class RobotModel:
             {**now.units, **before.units}, signs, {**before.steps, **now.steps}, swaps
         )
         return None if both.key == before.key else replace(self, doubts=both)
+
+    def find_equilibria(self, parameters: Parameters) -> RobotModel | None:
+        """Return the model at the equilibria reached; None where first order is as good, or is so already."""
+        if self.exact:
+            return None
+        predictions = (self.predict(), self.predict(parameters))
+        shown = any(each.shows_second_order for each in predictions)
+        return replace(self, exact=True) if shown else None
 
     def _is_suspect(self, part: str) -> bool:
         """Return whether a part's compliance entries explain much of the gap left by drives."""
@@ -195,7 +205,9 @@ class RobotModel:
 
     @cached_property
     def _nominal(self) -> RobotPrediction:
-        return RobotPrediction(self.campaign, (), self._sound, self._has_gravity)
+        return RobotPrediction(
+            self.campaign, (), self._sound, self._has_gravity, self.exact
+        )
 
     def predict_as(self, kind: int, other: int) -> Array:
         """Return readings (n,) predicted with those of one kind taken for another."""

@@ -20,7 +20,11 @@ from stiffscope.gap.effects.elements import along_drive
 from stiffscope.gap.forward.elastic_state import ElasticState
 from stiffscope.gap.forward.instrument_readings import InstrumentReadings
 from stiffscope.gap.forward.load_chains import LoadChains, size_loads
-from stiffscope.gap.forward.second_order import SETTINGS, find_second_order
+from stiffscope.gap.forward.second_order import (
+    SETTINGS,
+    find_second_order,
+    shows_second_order,
+)
 from stiffscope.vjm.elements.laws import settle
 
 if TYPE_CHECKING:
@@ -45,6 +49,8 @@ class RobotReadings(InstrumentReadings):
     """The robot without effects."""
     weighted: bool
     """Whether the nominal model includes the robot's weight."""
+    exact: bool = False
+    """Whether motions are those of the equilibrium reached, where that shows."""
 
     @property
     def at(self) -> RobotAtPoses:
@@ -156,7 +162,12 @@ class RobotReadings(InstrumentReadings):
         linear = np.zeros((len(self.campaign), 6))
         for k, mine in self.by_sensor(self.is_motion):
             linear[mine] = self._motion(k, mine)
-        return linear + find_second_order(self, linear)
+        return linear + find_second_order(self, linear) if self.exact else linear
+
+    @cached_property
+    def shows_second_order(self) -> bool:
+        """Whether readings would show the difference of equilibrium and first order."""
+        return shows_second_order(self, self.twist)
 
     @cached_property
     def length(self) -> float:

@@ -71,6 +71,11 @@ def find_second_order(readings: RobotReadings, linear: Array) -> Array:
     return out
 
 
+def shows_second_order(readings: RobotReadings, motions: Array) -> bool:
+    """Return whether readings would show the second order of motions (n, 6)."""
+    return bool(_estimate(readings, motions).max(initial=0.0) > SETTINGS.visible)
+
+
 def _estimate(readings: RobotReadings, linear: Array) -> Array:
     """Return the expected second order (n,) of readings of motions over their noise."""
     c = readings.campaign

@@ -272,7 +272,7 @@ class Copies(Section):
 
 
 class ToolSection(Section):
-    """The tool point M on its body, and the coordinates that define a pose."""
+    """The tool point M on its body, and the coordinates that define a pose; none if nothing moves."""
 
     body: Name
     at: v.Point
@@ -284,10 +284,9 @@ class ToolSection(Section):
     @field_validator("pose")
     @classmethod
     def _check_distinct(cls, value: tuple[str, ...]) -> tuple[str, ...]:
-        if not value or len(set(value)) != len(value):
-            got = " ".join(value) or "none"
+        if len(set(value)) != len(value):
             raise ValueError(
-                f"expected each of {' '.join(AXES)} at most once, got {got}"
+                f"expected each of {' '.join(AXES)} at most once, got {' '.join(value)}"
             )
         return value
 

@@ -238,10 +238,10 @@ def _warn_of_slender(mechanism: Mechanism, at: Configurations) -> None:
 
 
 def _warn_of_singular(names: Sequence[str], state: Stiffness) -> None:
-    for pose, matrix, rigid, sunk in zip(
-        names, state.matrix, state.rigid, state.sag, strict=True
+    for pose, matrix, soft, rigid, sunk in zip(
+        names, state.matrix, state.compliance, state.rigid, state.sag, strict=True
     ):
-        note = rigid_note(rigid) or singular_note(matrix)
+        note = rigid_note(rigid) or singular_note(matrix, soft)
         if note:
             log.warning("%s: %s", pose, note)
         elif any(value != value for value in sunk):  # noqa: PLR0124 (NaN)

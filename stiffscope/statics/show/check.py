@@ -192,6 +192,8 @@ def _reach(found: Inspection) -> None:
             )
         ]
     title = "Tool range along one coordinate, the others at home"
+    if not rows:  # all are locked
+        return
     show_named(
         title, ("along", "reach", "limited by"), rows, prose=("reach", "limited by")
     )

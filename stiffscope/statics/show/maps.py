@@ -36,6 +36,8 @@ SAGS = [f"sag along {axis} (µm)" for axis in "xyz"] + [
 MARK = "#14181c"
 CHANGE = "coolwarm"  # diverging colours, centred at zero
 _FEW = 2.0  # percent of the values clipped at either end,
+_CONSTANT = 1e-3  # of a quantity: what varies less over a map is constant
+_ZERO = 1e-6  # in the unit of a panel's title: rounding
 _FAR = 0.35  # if the remaining range is less than this share of the whole range
 
 
@@ -177,37 +179,72 @@ def _fill(axes: Axes, found: StiffnessMap, panel: Panel) -> None:
 def _colour(axes: Axes, grid: tuple[np.ndarray, np.ndarray], panel: Panel) -> None:
     values = panel.values
     change = panel.colours == CHANGE
+    if is_constant(values):
+        _paint_constant(axes, grid, panel)
+        return
     low, high, clipped = _limits(values)
     largest = max(abs(low), abs(high))
     if change:
         low = -largest
         high = largest
-    if high - low <= 1e-9 * largest:  # constant up to rounding
-        low = low - max(abs(low), 1e-6)
-        high = high + max(abs(high), 1e-6)
     colours: Any = {"cmap": panel.colours, "vmin": low, "vmax": high}
     image = axes.pcolormesh(
         *grid, values, shading="nearest", rasterized=True, **colours
     )
-    if np.nanmax(values) - np.nanmin(values) > 1e-6 * abs(high):
-        ink = (
-            "#3c4650"
-            if change and np.nanmedian(np.abs(values)) < 0.5 * high
-            else "white"
-        )
-        lines: Any = {
-            "colors": ink,
-            "linewidths": 0.6,
-            "linestyles": "solid",
-            "alpha": 0.8,
-        }
-        drawn = axes.contour(*grid, values.clip(low, high), levels=6, **lines)
-        axes.clabel(drawn, fontsize=7, fmt="%.5g")
+    pale = change and np.nanmedian(np.abs(values)) < 0.5 * high
+    lines: Any = {
+        "colors": "#3c4650" if pale else "white",
+        "linewidths": 0.6,
+        "linestyles": "solid",
+        "alpha": 0.8,
+    }
+    drawn = axes.contour(*grid, values.clip(low, high), levels=6, **lines)
+    axes.clabel(drawn, fontsize=7, fmt="%.5g")
     figure: Any = axes.get_figure()
     bar = axes.inset_axes(
         (1.03, 0.0, 0.045, 1.0)
     )  # as high as the map for any aspect ratio
     figure.colorbar(image, cax=bar, extend="both" if clipped else "neither")
+
+
+def is_constant(values: np.ndarray) -> bool:
+    """Return whether a quantity varies by less than a thousandth, or is zero, over a map."""
+    low = float(np.nanmin(values))
+    high = float(np.nanmax(values))
+    return high - low <= _CONSTANT * max(abs(low), abs(high), _ZERO)
+
+
+def _paint_constant(
+    axes: Axes, grid: tuple[np.ndarray, np.ndarray], panel: Panel
+) -> None:
+    """Fill the map with one colour, and print the value and by how much it varies."""
+    middle = 0.5 * (np.nanmin(panel.values) + np.nanmax(panel.values))
+    spread = 0.5 * np.ptp(panel.values[np.isfinite(panel.values)])
+    even = np.where(np.isfinite(panel.values), 0.5, np.nan)
+    axes.pcolormesh(
+        *grid,
+        even,
+        shading="nearest",
+        rasterized=True,
+        cmap=panel.colours,
+        vmin=0.0,
+        vmax=1.0,
+    )
+    text = f"constant: {middle:.5g}"
+    if abs(middle) > _ZERO and spread > 1e-9 * abs(middle):
+        text += f"\n± {100 * spread / abs(middle):.2g} %"
+    paper: Any = {"facecolor": "white", "alpha": 0.8, "edgecolor": "none"}
+    axes.text(
+        0.5,
+        0.85,
+        text,
+        transform=axes.transAxes,
+        ha="center",
+        va="center",
+        fontsize=12,
+        color=MARK,
+        bbox=paper,
+    )
 
 
 def _limits(values: np.ndarray) -> tuple[float, float, bool]:
