@@ -937,7 +937,7 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
                 "largest applied value of each wrench component",
                 "N, N·m",
             ),
-            "responses.*": (
+            "responses.*?": (
                 "frequency responses of each `[responses.NAME]` beside those of the model (docs/guides/hammer.md)",
                 "m, Hz, dB",
             ),

@@ -142,7 +142,7 @@ def _complex(
         raise InputError(
             f"{path.name}: {name}: expected finite values, got none in row {row + 1}"
         )
-    return values
+    return np.asarray(values, dtype=np.complex128)
 
 
 def _coherence(

@@ -12,8 +12,11 @@ from stiffscope.cli.main import _guarded
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.measured_responses import load_responses
 from stiffscope.gap.campaigns import compare_responses, open_case, rough_mechanism
+from stiffscope.gap.forward.response_doubts import find_channel_doubts
 from stiffscope.gap.forward.response_model import predict_responses
+from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.model.bodies import Body
+from stiffscope.vjm.model.joints import Drive
 from stiffscope.vjm.statics.analysis import compliance
 from tests.vjm import dense_modes
 
@@ -56,6 +59,38 @@ def test_the_simulated_hammer_test_is_that_of_the_model(tmp_path):
     assert tap["modes"][:2] == pytest.approx([58.8, 138.0], abs=0.05)
     assert tap["damping"] == pytest.approx(0.02, abs=0.002)
     assert any("nothing but noise" in doubt for doubt in tap["doubts"])
+
+
+def compare_changed(change):
+    """The hammer test with its first response multiplied, against a model that is right."""
+    (compared,) = compare_responses(open_case(HAMMER))
+    first, *others = compared.measured.responses
+    changed = replace(first, receptance=change * first.receptance)
+    measured = replace(compared.measured, responses=(changed, *others))
+    return replace(compared, measured=measured)
+
+
+def test_a_gain_and_a_sign_of_a_channel_are_doubted_and_a_softer_robot_is_not():
+    assert find_channel_doubts(compare_changed(1.0)) == []
+    (gain,) = find_channel_doubts(compare_changed(1.0 / 9.81))
+    assert gain.startswith("1:+z / 1:+z: 0.102 times the model's")
+    (sign,) = find_channel_doubts(compare_changed(-1.0))
+    assert "opposite to the model's at" in sign
+    compared = compare_changed(1.0)
+    mechanism = rough_mechanism(load_robot("biglide"), "published")
+    for factor in (0.25, 4.0):
+        softer = replace(
+            mechanism, joints=tuple(scale_drive(j, factor) for j in mechanism.joints)
+        )
+        predicted = predict_responses(softer, compared.measured, 0.02)
+        assert find_channel_doubts(replace(compared, predicted=predicted)) == []
+
+
+def scale_drive(joint, factor):
+    """A joint with a stiffer or softer drive, if it has one."""
+    if joint.drive is None:
+        return joint
+    return replace(joint, drive=Drive(factor * joint.drive.stiffness))
 
 
 def test_the_page_shows_points_and_both_curves(tmp_path):

@@ -6,13 +6,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.gap.forward.response_doubts import (
+    find_channel_doubts,
+    find_heard_lines,
+)
 from stiffscope.report.figures import save_figures
 from stiffscope.report.page import Section
 from stiffscope.report.pictures import optional_pictures
 from stiffscope.report.robot_scene import place_robot, pose_text, scene
 from stiffscope.report.terminal import show_line, show_list, show_table
 from stiffscope.responses.checks import (
-    SETTINGS,
     find_resonances,
     find_static_stiffness,
 )
@@ -75,17 +78,14 @@ def responses_json(compared: ComparedResponses) -> dict[str, Any]:
         "responses": rows,
         "modes": modes[modes <= last].tolist(),
         "damping": compared.damping,
-        "doubts": measured.doubts,
+        "doubts": [*measured.doubts, *find_channel_doubts(compared)],
         "remarks": list(measured.remarks),
     }
 
 
 def _find_gap(response: Response, predicted: NDArray[np.complex128]) -> float | None:
     """Return the rms difference of the levels, dB, over the lines that are not noise."""
-    heard = np.abs(response.receptance) > 0.0
-    if response.coherence is not None:
-        heard &= response.coherence >= SETTINGS.silent
-    heard &= np.abs(predicted) > 0.0
+    heard = find_heard_lines(response, predicted)
     if not heard.any():
         return None
     levels = 20.0 * np.log10(np.abs(response.receptance[heard] / predicted[heard]))
