@@ -1,5 +1,6 @@
 # pyright: reportArgumentType=false, reportCallIssue=false, reportAssignmentType=false
-# pyright: reportOptionalSubscript=false, reportMissingImports=false (EXUDYN's stubs; an extra)
+# pyright: reportOptionalSubscript=false, reportMissingImports=false
+# (EXUDYN is an extra, and its stubs are incomplete)
 """Robot in EXUDYN: rigid bodies, springs with full 6x6 stiffness, joints and superelements.
 
 It needs numpy and EXUDYN alone: an exported model is this module behind a robot's tables.

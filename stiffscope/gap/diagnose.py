@@ -30,7 +30,8 @@ from stiffscope.gap.inference.diagnosis import (
     Possible,
     Sensitivity,
 )
-from stiffscope.gap.inference.findings import COMPETING, find
+from stiffscope.gap.inference.find import find
+from stiffscope.gap.inference.findings import COMPETING
 from stiffscope.gap.inference.hypothesis import forms_of, positive_of
 from stiffscope.gap.inference.lack_of_fit import correlation
 from stiffscope.gap.inference.location import locate_residuals, signature_correlation

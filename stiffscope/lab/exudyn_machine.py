@@ -1,4 +1,5 @@
-# pyright: reportMissingImports=false, reportArgumentType=false (EXUDYN's stubs; an extra)
+# pyright: reportMissingImports=false, reportArgumentType=false
+# (EXUDYN is an extra, and its stubs are incomplete)
 """A second laboratory: the machine with its faults in EXUDYN, read from EXUDYN's own equilibria.
 
 Faults are planted in bodies, springs and joints of a multibody model; each reading is the

@@ -357,6 +357,8 @@ def _bend_drives(machine: Machine, place: str, parameters: Parameters) -> Machin
     start = parameters.get("start", 1.0)
     slots: list[Slot] = []
     for name, joint in _drives(machine, place).items():
+        if joint.drive is None:
+            continue
         k = joint.drive.stiffness
         corner = load / (start * k), load
         far = corner[0] + 100.0 * load / (factor * k), 101.0 * load

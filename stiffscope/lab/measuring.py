@@ -250,7 +250,7 @@ def make_mixing(instrument: Instrument, channels: tuple[Sensor, ...]) -> Array:
 
 def true_wrench(instrument: Instrument, stated: Array) -> Array:
     """Return the true wrench (…, 6) at the stated point for a stated wrench."""
-    out = instrument.force * stated
+    out: Array = instrument.force * stated
     for first, second in instrument.swaps:
         if first in WRENCH:
             columns = [WRENCH.index(first), WRENCH.index(second)]

@@ -11,7 +11,7 @@ import pytest
 
 from stiffscope.gap.diagnose import conclude
 from stiffscope.gap.forward.robot_model import RobotModel
-from stiffscope.gap.inference.findings import find
+from stiffscope.gap.inference.find import find
 from stiffscope.robot.library import find_robot
 from stiffscope.runtime.workshop import workshop
 from stiffscope.vjm.statics.analysis import stiffness

@@ -16,7 +16,7 @@ from stiffscope.gap.campaigns import open_case
 from stiffscope.gap.diagnose import conclude, diagnose_campaign
 from stiffscope.gap.effects.vocabulary import apply_effect
 from stiffscope.gap.forward.robot_model import RobotModel
-from stiffscope.gap.inference.findings import find
+from stiffscope.gap.inference.find import find
 from stiffscope.lab.blind.laboratory import Lab
 from stiffscope.lab.faults import inject
 from stiffscope.lab.measuring import Noise, measure, true_readings, write_readings

@@ -28,7 +28,7 @@ from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.diagnose import conclude
 from stiffscope.gap.effects.part_dimension import find_dimensions
 from stiffscope.gap.forward.robot_model import RobotModel
-from stiffscope.gap.inference.findings import find
+from stiffscope.gap.inference.find import find
 from stiffscope.lab.blind.laboratory import BlindRobot, Lab
 from stiffscope.lab.blind.scores import EVIDENT
 from stiffscope.lab.faults import ENTRIES, inject

@@ -7,7 +7,7 @@ import pytest
 
 from stiffscope.gap.diagnose import conclude
 from stiffscope.gap.forward.robot_model import RobotModel
-from stiffscope.gap.inference.findings import find
+from stiffscope.gap.inference.find import find
 from tests.benchmarks.second_lab import CYCLE, SPREAD, campaign_of, names_of, scored
 
 ROUNDS = 2

@@ -17,7 +17,7 @@ from stiffscope.gap.diagnose import conclude, diagnose_campaign
 from stiffscope.gap.effects.vocabulary import apply_effect
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.inference.diagnosis import to_json
-from stiffscope.gap.inference.findings import find
+from stiffscope.gap.inference.find import find
 from stiffscope.gap.inference.residuals import by_sensor
 from stiffscope.gap.show.text import sentence
 from stiffscope.lab.faults import inject

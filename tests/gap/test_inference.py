@@ -19,7 +19,7 @@ from stiffscope.gap.inference.evidence import (
     marginalize,
     posterior,
 )
-from stiffscope.gap.inference.findings import find
+from stiffscope.gap.inference.find import find
 from stiffscope.gap.inference.fitting import MARGIN, SIZES, Problem
 from stiffscope.gap.inference.hypothesis import forms_of
 from stiffscope.gap.inference.lack_of_fit import lack_of_fit

@@ -15,7 +15,7 @@ from stiffscope.gap.forward.column_model import ColumnModel
 from stiffscope.gap.forward.forward_model import Noise
 from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.gap.inference.evidence import Errors, posterior
-from stiffscope.gap.inference.findings import find
+from stiffscope.gap.inference.find import find
 from stiffscope.gap.inference.fitting import Problem
 from stiffscope.gap.inference.priors import Spreads
 from stiffscope.gap.planning.experiment_design import next_measurement

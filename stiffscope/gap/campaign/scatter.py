@@ -61,10 +61,11 @@ def find_scatter(campaign: Campaign, rows: Indices, size: Array) -> tuple[float,
         x = (sign * force)[mine]
         steps, which = np.unique(x, return_inverse=True)
         which = which.ravel()
-        mean = np.bincount(which, value[mine]) / np.bincount(which)
+        repeats: Array = np.bincount(which).astype(float)
+        mean = np.bincount(which, value[mine]) / repeats
         squares += float(np.sum((value[mine] - mean[which]) ** 2))
         count += len(mine) - len(steps)
-        left, spare = _leave_smooth(steps, mean, np.bincount(which).astype(float))
+        left, spare = _leave_smooth(steps, mean, repeats)
         squares += left
         count += spare
     return squares, count

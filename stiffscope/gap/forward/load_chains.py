@@ -18,8 +18,9 @@ _PARALLEL = 1e-6  # relative deviation of two wrenches along one line
 def size_loads(wrench: Array) -> Array:
     """Return the sizes (n,) of wrenches (n, 6): of the force, N, or of a pure moment, N·m."""
     force, moment = np.split(np.nan_to_num(wrench), 2, axis=1)
-    size = np.linalg.norm(force, axis=1)
-    return np.where(size > 0.0, size, np.linalg.norm(moment, axis=1))
+    size: Array = np.linalg.norm(force, axis=1)
+    turning: Array = np.linalg.norm(moment, axis=1)
+    return np.where(size > 0.0, size, turning)
 
 
 @dataclass(frozen=True)

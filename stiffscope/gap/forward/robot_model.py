@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.gap.campaign.columns import swap_columns
 from stiffscope.gap.campaign.kinds import CODE_ALONG
 from stiffscope.gap.campaign.readings import match_robot
 from stiffscope.gap.campaign.resolution import find_rounding
@@ -25,7 +26,7 @@ from stiffscope.gap.forward.remarks import find_remarks
 from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
 from stiffscope.gap.forward.robot_prediction import RobotPrediction
 from stiffscope.gap.forward.setting import find_setting
-from stiffscope.gap.forward.swaps import find_swaps, swap_columns
+from stiffscope.gap.forward.swaps import find_swaps
 from stiffscope.gap.forward.trial import plan_trial
 from stiffscope.gap.forward.twins import merge_twins
 

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.gap.campaign.columns import swap_columns
 from stiffscope.gap.effects.effect import Effect, Influence
 from stiffscope.gap.effects.instruments import SensorStep
 from stiffscope.gap.forward.robot_readings import RobotReadings
 from stiffscope.gap.forward.slopes import find_slopes
-from stiffscope.gap.forward.swaps import swap_columns
 
 if TYPE_CHECKING:
     from collections.abc import Callable

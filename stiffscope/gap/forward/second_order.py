@@ -120,7 +120,7 @@ class _Equilibria:
         rest[:, 0] = keys[:, 0]
         every = np.concatenate([keys, rest])
         states, which = np.unique(every, axis=0, return_inverse=True)
-        loaded, unloaded = np.split(which.ravel(), 2)
+        loaded, unloaded = np.split(which.ravel().astype(np.int64), 2)
         return states, loaded, unloaded
 
     @cached_property

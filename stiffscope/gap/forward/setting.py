@@ -37,7 +37,9 @@ def find_setting(sound: ElasticState, suspect: Callable[[str], bool]) -> Setting
     moving = c.sensor[c.is_displacement]
     loaded = c.is_motion & np.nan_to_num(c.wrench).any(axis=1)
     resting = c.at_tool & c.is_displacement & ~c.is_difference
-    forces = np.nan_to_num(c.wrench[loaded, :3]).any(axis=0)
+    along_x, along_y, along_z = (
+        bool(np.nan_to_num(c.wrench[loaded, axis]).any()) for axis in range(3)
+    )
     return Setting(
         at.robot,
         (_median(translation, _USUAL[0]), _median(rotation, _USUAL[1])),
@@ -51,7 +53,7 @@ def find_setting(sound: ElasticState, suspect: Callable[[str], bool]) -> Setting
         suspect,
         tool_is_used=bool(c.at_tool.any() or (loaded & (c.load < 0)).any()),
         tool_turns=bool((resting & (c.direction > 2)).any()),
-        forces=(bool(forces[0]), bool(forces[1]), bool(forces[2])),
+        forces=(along_x, along_y, along_z),
         load_values=_find_values(c.wrench[loaded], c.load[loaded]),
     )
 

@@ -1,4 +1,4 @@
-"""Columns of a campaign that seem to be exchanged, and the campaign with them put right."""
+"""Columns of a campaign that seem to be exchanged."""
 
 from __future__ import annotations
 
@@ -8,50 +8,20 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.campaign.kinds import CODE_ALONG
+from stiffscope.gap.campaign.columns import swap_columns
 from stiffscope.gap.campaign.quantities import AXES, WRENCH
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterator
 
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.forward.robot_prediction import RobotPrediction
-    from stiffscope.runtime.types import Array
+    from stiffscope.runtime.types import Array, Flags
 
 _BETTER = 0.5  # ratio of misfits below which two columns seem exchanged
 _LEAST = 6  # readings that an exchange must change
 _ROUNDING = 1e-9  # of the largest reading
 _MOST_SENSORS = 12
-
-
-def swap_columns(campaign: Campaign, pairs: Iterable[tuple[str, str]]) -> Campaign:
-    """Return the campaign in which the numbers of pairs of columns belong to each other.
-
-    A pair names two components of the wrench, two axes at M, or two sensors.
-    """
-    c = campaign
-    for first, second in pairs:
-        if first in WRENCH:
-            order = np.arange(len(WRENCH))
-            columns = [WRENCH.index(first), WRENCH.index(second)]
-            order[columns] = columns[::-1]
-            c = replace(c, wrench=c.wrench[:, order])
-        elif first in AXES:
-            axes = [AXES.index(first), AXES.index(second)]
-            moved = (c.sensor < 0) & c.is_displacement
-            direction = np.array(c.direction)
-            for one, other in (axes, axes[::-1]):
-                direction[moved & (c.direction == one)] = other
-            quantity = np.where(moved, CODE_ALONG[c.kind, direction], c.quantity)
-            c = replace(c, quantity=quantity)
-        else:
-            names = [sensor.name for sensor in c.sensors]
-            sensors = [names.index(first), names.index(second)]
-            sensor = np.array(c.sensor)
-            for one, other in (sensors, sensors[::-1]):
-                sensor[c.sensor == one] = other
-            c = replace(c, sensor=sensor)
-    return c
 
 
 def find_swaps(prediction: RobotPrediction) -> tuple[tuple[str, str], ...]:
@@ -76,9 +46,9 @@ def find_swaps(prediction: RobotPrediction) -> tuple[tuple[str, str], ...]:
     return tuple(pair for _, pair in sorted(out))
 
 
-def _misfit(left: Array, chosen: Array) -> float:
+def _misfit(left: Array, chosen: Flags) -> float:
     """Return the sum of squares of some residuals, without the largest tenth."""
-    squares = np.sort(left[chosen] ** 2)
+    squares: Array = np.sort(left[chosen] ** 2)
     return float(np.sum(squares[: max(1, int(0.9 * len(squares)))]))
 
 

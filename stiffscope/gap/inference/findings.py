@@ -12,7 +12,6 @@ import numpy as np
 from stiffscope.gap.campaign.copies import find_copies
 from stiffscope.gap.inference.fitting import Problem
 from stiffscope.gap.inference.hypothesis import forms_of, join_values
-from stiffscope.gap.inference.lack_of_fit import lack_of_fit
 from stiffscope.gap.inference.plausibility import implausible
 from stiffscope.gap.inference.residuals import percent_rms
 from stiffscope.gap.inference.search import Search
@@ -421,38 +420,8 @@ class Findings:
         )
 
 
-def find(model: ForwardModel, progress: Progress | None = None) -> Findings:
-    """Search for the effects and nuisance patterns that explain a model's campaign.
-
-    Faults of instruments that show only beside what was found are searched for once more, and
-    all effects at the equilibria reached where first order leaves a rest of that size.
-    """
-    found = _find_with_doubts(model, progress)
-    known = found.fit_effects(found.best.words)
-    if not lack_of_fit(found, known):
-        return found
-    exact = found.model.find_equilibria(found.best.parameters)
-    if exact is None:
-        return found
-    return max(found, _find_with_doubts(exact, progress), key=_weigh)
-
-
-def _find_with_doubts(model: ForwardModel, progress: Progress | None) -> Findings:
-    found = _search(model, progress)
-    again = model.doubt_again(found.best.parameters)
-    if again is None:
-        return found
-    other = _search(again, progress)
-    return max(found, other, key=lambda each: each.best.evidence - each.none.evidence)
-
-
-def _weigh(found: Findings) -> float:
-    """Return the ln evidence of a search's best set, with the volume of its noise."""
-    noise = found.problem.noise
-    return found.best.evidence - float(np.log(noise.sigma[noise.used]).sum())
-
-
-def _search(model: ForwardModel, progress: Progress | None) -> Findings:
+def search_once(model: ForwardModel, progress: Progress | None = None) -> Findings:
+    """Search for the sets of effects and nuisance patterns that explain a model's campaign."""
     problem = Problem(model, _without_copies(model.campaign, model.noise()))
     distinct: dict[frozenset[str], Hypothesis] = {}
     hypotheses = Search(problem, progress).hypotheses()

@@ -13,7 +13,7 @@ from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.diagnose import conclude
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.inference.diagnosis import to_json
-from stiffscope.gap.inference.findings import find
+from stiffscope.gap.inference.find import find
 from stiffscope.lab.blind.cases import SEAL, seal, unseal
 from stiffscope.lab.blind.drawing import draw_case, is_imitated, write_case
 from stiffscope.lab.blind.laboratory import Lab
