@@ -652,7 +652,8 @@ def write_readings(
     if plan.sensors:
         columns["sensor"] = [names[k] for k in readings.channel.tolist()]
         if plan.frame is None:
-            columns["kind"] = [RECORDED[k].name for k in readings.kind.tolist()]
+            kinds: list[int] = readings.kind.tolist()
+            columns["kind"] = [RECORDED[k].name for k in kinds]
     else:
         letters = [each.letter(plan) for each in RECORDED]
         codes = zip(readings.kind.tolist(), readings.channel.tolist(), strict=True)

@@ -364,7 +364,7 @@ def stable_depth(
 
 
 def _element_shares(
-    response: ToolResponse, shaken: Modes, mode: Array
+    response: ToolResponse, shaken: Modes, mode: Indices
 ) -> dict[str, Array]:
     """Return each element's share (n,) in the strain energy of a mode (n,) at each pose."""
     poses = np.arange(len(mode))

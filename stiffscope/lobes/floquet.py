@@ -27,7 +27,7 @@ import numpy as np
 if TYPE_CHECKING:
     from stiffscope.lobes.engagement import Engagement
     from stiffscope.lobes.response import ToolResponse
-    from stiffscope.runtime.types import Array
+    from stiffscope.runtime.types import Array, Complex, Indices
 
 _LEAST_POINTS = 5  # of a panel, beyond those by which modes vibrate in it
 _PER_TURN = 4.0  # further points per vibration of the fastest mode that matters
@@ -56,13 +56,14 @@ class Loop:
     right: Array
     decay: Array
 
-    def eigenvalues(self, theta: Array) -> Array:
+    def eigenvalues(self, theta: Array) -> Complex:
         """Return the eigenvalues (t, a) at multipliers exp(iθ), θ (t,)."""
         inverse = np.exp(-1j * theta)  # 1 / μ
         middle = inverse[:, None] / (1.0 - self.decay * inverse[:, None])
         later = (self.left * middle[:, None]) @ self.right.T
         factor = (1.0 - inverse)[:, None, None]
-        return np.linalg.eigvals(factor * (self.prompt + later))
+        values: Complex = np.linalg.eigvals(factor * (self.prompt + later))
+        return values
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,9 +206,9 @@ def _place_nodes(
 
 def _copy_nodes(
     base: Array, panels: list[slice], delay: float, window: float
-) -> list[tuple[Array, int]]:
+) -> list[tuple[Indices, int]]:
     """Return the nodes of each tooth in the workpiece: indices, and periods since it entered."""
-    copies = list[tuple["Array", int]]()
+    copies = list[tuple["Indices", int]]()
     for panel in panels:
         middle = 0.5 * (base[panel][0] + base[panel][-1])
         teeth = int(np.floor((window - middle) / delay)) + 1
@@ -233,9 +234,9 @@ def _causal(base: Array, weights: Array, panels: list[slice], poles: Array) -> A
     return out
 
 
-def _impulse(time: Array, poles: Array) -> Array:
+def _impulse(time: Array, poles: Complex) -> Array:
     """Return the impulse responses (m, …) of modes of unit mass."""
-    at = np.multiply.outer(poles, time)
+    at: Complex = np.multiply.outer(poles, time)
     rate = poles.imag.reshape(-1, *[1] * np.ndim(time))
     return np.exp(at.real) * np.sin(at.imag) / rate
 

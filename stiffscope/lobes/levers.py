@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from stiffscope.lobes.engagement import Engagement
     from stiffscope.lobes.response import ToolResponse
     from stiffscope.lobes.zero_order import Critical
-    from stiffscope.runtime.types import Array
+    from stiffscope.runtime.types import Array, Complex, Indices
     from stiffscope.vjm.kinematics.configurations import Configurations
     from stiffscope.vjm.model.mechanism import Mechanism
 
@@ -59,6 +59,7 @@ def find_levers(
     d = 2 if cut.planar else 3
     modal = 1.0 / (rates**2 - omega**2 + 2j * ratio * rates * omega)
     looped = response.receptance(critical.omega[:, None])[0, 0] @ cut.mean
+    values: Complex
     values, right = np.linalg.eig(looped[:d, :d])
     best = int(values.real.argmax())
     left = np.linalg.inv(right)[best]
@@ -85,7 +86,7 @@ def find_levers(
 
 
 def _moving_masses(
-    mechanism: Mechanism, shapes: dict[str, Array], known: Array
+    mechanism: Mechanism, shapes: dict[str, Array], known: Indices
 ) -> dict[str, tuple[float, Array]]:
     """Return mass, kg, and products (m, m) of the inertia in the modes, of elastic bodies.
 
@@ -99,5 +100,6 @@ def _moving_masses(
         if not ends:
             continue
         share = body.mass / len(body.nodes)
-        out[body.name] = body.mass, sum(share * (end.T @ end) for end in ends)
+        product = np.sum([share * (end.T @ end) for end in ends], axis=0)
+        out[body.name] = body.mass, product
     return out

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from stiffscope.lobes.engagement import Engagement
-    from stiffscope.runtime.types import Array
+    from stiffscope.runtime.types import Array, Complex
     from stiffscope.vjm.kinematics.configurations import Configurations
     from stiffscope.vjm.model.mechanism import Mechanism
     from stiffscope.vjm.vibration.modes import Modes
@@ -77,7 +77,7 @@ class ToolResponse:
         """ω_k (n, m), rad/s."""
         return np.sqrt(self.squares)
 
-    def modal(self, omega: Array) -> Array:
+    def modal(self, omega: Array) -> Complex:
         """Return the modal receptances (n, f, m) at ω (n, f), rad/s."""
         square = self.squares[:, None]
         friction = 2.0 * (self.damping * self.rates)[:, None]

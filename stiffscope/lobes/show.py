@@ -15,7 +15,7 @@ from stiffscope.report.run_report import AT_M
 from stiffscope.report.terminal import show_facts, show_line, show_table
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from matplotlib.axes import Axes
@@ -124,7 +124,9 @@ def write_lobes(found: Lobes, folder: Path) -> None:
         }
     )
     pyarrow.csv.write_csv(table, folder / "path.csv")
-    figures = {"lobes": lambda: _draw_lobes(found)}
+    figures: dict[str, Callable[[], Figure | None]] = {
+        "lobes": lambda: _draw_lobes(found)
+    }
     if len(found.points) > 1:
         figures["margin"] = lambda: _draw_margin(found)
     save_figures(folder, figures)

@@ -21,7 +21,7 @@ import numpy as np
 if TYPE_CHECKING:
     from stiffscope.lobes.engagement import Engagement
     from stiffscope.lobes.response import ToolResponse
-    from stiffscope.runtime.types import Array
+    from stiffscope.runtime.types import Array, Complex
 
 _BROAD = 60  # frequencies spread over the range of all modes
 _SHARP = np.sinh(
@@ -60,7 +60,7 @@ class Critical:
     slope: Array
     coupling: Array
 
-    def relative_change(self, change: Array) -> Array:
+    def relative_change(self, change: Complex) -> Array:
         """Return d ln depth (n, …) for changes g = d ln λ (n, …)."""
         slope = self.slope.reshape(-1, *[1] * (np.ndim(change) - 1))
         return slope * change.imag - change.real
@@ -80,7 +80,7 @@ def frequency_grid(response: ToolResponse) -> Array:
     return np.sort(np.concatenate([broad, sharp.reshape(len(rates), -1)], axis=1))
 
 
-def eigenvalues(response: ToolResponse, cut: Engagement, omega: Array) -> Array:
+def eigenvalues(response: ToolResponse, cut: Engagement, omega: Array) -> Complex:
     """Return λ (n, f, d), m²/N·Pa = m, of G(iω) A at ω (n, f), rad/s; not ordered."""
     by_mode, still = response.looped(cut)
     n, m, d, _ = by_mode.shape
@@ -92,7 +92,8 @@ def eigenvalues(response: ToolResponse, cut: Engagement, omega: Array) -> Array:
         apart = 0.5 * (matrix[..., 0, 0] - matrix[..., 1, 1])
         root = np.sqrt(apart**2 + matrix[..., 0, 1] * matrix[..., 1, 0])
         return np.stack([half + root, half - root], axis=-1)
-    return np.linalg.eigvals(matrix)
+    values: Complex = np.linalg.eigvals(matrix)
+    return values
 
 
 def follow(values: Array) -> Array:
@@ -159,6 +160,7 @@ def _find_critical(
     low = grid[poses, np.maximum(best - 1, 0)]
     high = grid[poses, np.minimum(best + 1, grid.shape[1] - 1)]
     share = np.linspace(0.0, 1.0, _SPLITS + 1)
+    inner = grid
     for _ in range(_ZOOMS):
         inner = low[:, None] + (high - low)[:, None] * share
         real = _within(eigenvalues(response, cut, inner), inner, cut, speeds)
@@ -239,6 +241,7 @@ def mode_terms(response: ToolResponse, cut: Engagement, omega: Array) -> Array:
     by_mode, still = response.looped(cut)
     modal = response.modal(omega[:, None])[:, 0]
     matrix = np.einsum("nm,nmij->nij", modal, by_mode) + still
+    values: Complex
     values, right = np.linalg.eig(matrix)
     best = values.real.argmax(axis=1)
     poses = np.arange(len(values))
@@ -331,7 +334,7 @@ def _cross_lobes(
         values[place + 1, branch] - values[place, branch]
     )
     below = start[speeds, branch, place] - goal
-    ends = [below, below + rise[speeds, branch, place]]
+    ends: list[Array] = [below, below + rise[speeds, branch, place]]
     exact, settled = _settle(response, cut, delays, goal, (low, high), ends, near)
     most = np.where(found, exact, 1.0)
     return np.where(found, 0.5 / most, np.inf), settled

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, create_model
@@ -301,13 +301,16 @@ class JobSection(Section):
     free: FreeSection | None = None
 
 
+_ADDED: Any = {
+    name: (schema | None, None) for name, schema in sections_of("job").items()
+}
 # The top level with the sections that slices add, e.g. [lobes]
-WholeJob = create_model(
+WholeJob: Any = create_model(
     "WholeJob",
     __base__=JobSection,
     __module__=__name__,
     __doc__=JobSection.__doc__,
-    **{name: (schema | None, None) for name, schema in sections_of("job").items()},
+    **_ADDED,
 )
 SECTIONS = (
     ("the top level of a job", WholeJob),

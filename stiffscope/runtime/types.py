@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.floating[Any]]
+Complex = NDArray[np.complexfloating[Any, Any]]
 Flags = NDArray[np.bool_]
 Indices = NDArray[np.int64]
 Progress = Callable[[str, float], None]

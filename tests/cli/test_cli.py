@@ -81,7 +81,7 @@ def test_version():
         ),
         (["stiffness", "biglide", "--at", "0,0,1e308"], "which is beyond 10000 m"),
         (
-            ["stiffness", "biglide", "--set", "parameters.a_min=0.7"],
+            ["stiffness", "biglide", "--set", "parameters.a_min=0.7 m"],
             'joints."limb1.actuator".drive.range: expected a lo',
         ),
         (

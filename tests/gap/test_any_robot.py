@@ -331,9 +331,8 @@ def test_gauges_and_a_hook_name_a_soft_element(name, effect, place, size, spread
     assert abs(factor.value - size["factor"]) < 4.0 * factor.sigma
     assert max(found.where.component, key=found.where.component.get) == place
     shares = found.where.sensor
-    assert shares == by_sensor(
-        c, (c.value - RobotModel(c, robot).predict().values) / c.sigma
-    )
+    residual = (c.value - RobotModel(c, robot).predict().values) / c.sigma
+    assert shares == pytest.approx(by_sensor(c, residual))
     assert set(shares) == {"gauge", "level", "x", "y", "z"}
     assert found.where.left_by_sensor == {}
     assert sum(shares.values()) == pytest.approx(1.0)

@@ -677,9 +677,10 @@ def test_fea_slider_where_the_nominal_has_a_beam():
 
 def test_lab_imports_no_mechanics_of_the_diagnosis():
     own = r"errors|robot\.file\.|lab\.|gap\.campaign\.(quantities|writing)"
-    registered = {"command.py", "show.py", "slice.py"}
+    # EXUDYN's robot is written for exports: its mechanics are EXUDYN's own
+    others = {"command.py", "show.py", "slice.py", "exudyn_machine.py"}
     for file in Path(lab_faults.__file__).parent.glob("*.py"):
-        if file.name in registered:
+        if file.name in others:
             continue
         for module in re.findall(r"from stiffscope\.?(\S*) import", file.read_text()):
             assert re.match(own, module), (file.name, module)

@@ -158,18 +158,24 @@ def test_a_stack_shows_its_first_poses():
         ("x", "rz"),
     )
     found = SimpleNamespace(
-        poses=many.poses, tool=many.tool, mechanism=many.configurations.mechanism
+        poses=many.poses,
+        tool=many.tool,
+        mechanism=many.configurations.mechanism,
+        linkage=SimpleNamespace(length=1.0),
     )
 
     class Stack(SimpleNamespace):
         def __getitem__(self, some):
             return Stack(
-                poses=self.poses[some], tool=self.tool[some], mechanism=self.mechanism
+                poses=self.poses[some],
+                tool=self.tool[some],
+                mechanism=self.mechanism,
+                linkage=self.linkage,
             )
 
     object.__setattr__(many, "configurations", Stack(**vars(found)))
     page = Page(as_html(many))
-    assert page.tags.count("tr") == 21
+    assert page.tags.count("tr") == 1 + 2 * 20  # K_ii, and 1/C_ii below
     assert "and 10 more poses" in page.words
     assert {"x, rz (mm, deg)", "|sag| µm", "5.20"} <= set(page.words)
 

@@ -1,6 +1,7 @@
 """Every type of joint and every kind of bearing says all that others ask of it."""
 
 import inspect
+import pickle
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from stiffscope.files.keys import all_keys
 from stiffscope.report.drawing.solids import _joints
 from stiffscope.robot.file.element_sections import ELEMENTS
+from stiffscope.robot.file.part_sections import PARAMETRIC
 from stiffscope.robot.file.sections import JOINTS
 from stiffscope.vjm.kinematics.linkage import find_free_coordinates
 from stiffscope.vjm.model.joints import JOINT_TYPES, Drive, Joint
@@ -71,3 +73,9 @@ def test_every_kind_of_bearing_is_documented():
     for kind, model in ELEMENTS.items():
         assert inspect.getdoc(model)
         assert sum(kind in title for title in titles) == 1
+
+
+def test_sections_cross_to_other_processes_by_name():
+    """Classes that cross by value would be changed by what comes back."""
+    for section in (*JOINTS.values(), *PARAMETRIC.values()):
+        assert pickle.loads(pickle.dumps(section)) is section  # noqa: S301

@@ -779,8 +779,8 @@ def test_nothing_changes_after_reading(read):
         (
             'pose = ["x", "y", "z"]',
             "pose = []",
-            "pose",
-            "tool.pose: expected each of .* at most once, got none",
+            "home",
+            "poses.home: expected a pose of 0, as tool.pose has none, got",
         ),
         (
             '["arms", "leg1.motor"]',

@@ -489,8 +489,8 @@ def _invert_compliance(order: Order, where: Places, gravity: Gravity) -> Array:
 
 def _invert_scaled(matrices: Array) -> Array:
     """Return the inverses of compliances (n, 6, 6), scaled to a unit diagonal to keep digits."""
-    root = np.sqrt(np.einsum("nii->ni", matrices))
-    scale = 1.0 / (root[:, :, None] * root[:, None, :])
+    root: Array = np.sqrt(np.einsum("nii->ni", matrices))
+    scale: Array = 1.0 / (root[:, :, None] * root[:, None, :])
     out: Array = np.linalg.inv(matrices * scale) * scale
     return 0.5 * (out + out.mT)
 

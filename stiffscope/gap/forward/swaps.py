@@ -54,7 +54,7 @@ def _misfit(left: Array, chosen: Flags) -> float:
 
 def _list_pairs(c: Campaign) -> Iterator[tuple[str, str]]:
     """Yield pairs of columns of one unit that have readings or loads."""
-    applied = np.nan_to_num(c.wrench).any(axis=0)
+    applied: Flags = np.any(np.nan_to_num(c.wrench), axis=0)
     at_tool = (c.sensor < 0) & c.is_displacement
     read = np.isin(np.arange(len(AXES)), c.direction[at_tool])
     for names, used in ((WRENCH, applied), (AXES, read)):

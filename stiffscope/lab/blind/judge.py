@@ -92,7 +92,7 @@ class Judge:
 
     def _isolate_fault(self, effect: str, place: str) -> Array | None:
         if KNOWN[effect].steps:
-            steps = (Fault(effect, place, step) for step in KNOWN[effect].steps)
+            steps = (Fault(effect, place, dict(step)) for step in KNOWN[effect].steps)
             return np.stack([self._signature(step) for step in steps], axis=1)
         columns = self._elements.find_columns(
             effect, place, self.lab.softer(effect, place)

@@ -227,7 +227,7 @@ def _section_of(
         kind = _CONSTANTS.get(field.name.rpartition("_")[2], kind)
         default = ... if needed else field.default
         fields[field.name] = kind, Field(default, description=means)
-    model: Any = create_model(name, __base__=base, **fields)
+    model: Any = create_model(name, __base__=base, __module__=__name__, **fields)
     model.made = made
     return model
 
@@ -245,6 +245,8 @@ def _read_shape(shape: type[SolidParameters]) -> type[ParametricPart]:
 
 
 PARAMETRIC = {name: _read_shape(shape) for name, shape in SHAPES.items()}
+# as names of this module, by which other processes unpickle their instances
+globals().update({model.__name__: model for model in PARAMETRIC.values()})
 
 
 class StepPart(SolidPart):

@@ -244,12 +244,16 @@ def _read_joint_type(made: JointType) -> type[JointSection]:
         keys["rest"] = (v.Angle if made.turns else v.Coordinate, 0.0)
     name = f"{made.name.title()}Joint"
     doc = made.about
-    section = create_model(name, __base__=JointSection, __doc__=doc, **keys)
+    section = create_model(
+        name, __base__=JointSection, __module__=__name__, __doc__=doc, **keys
+    )
     section.made = made
     return section
 
 
 JOINTS = {name: _read_joint_type(made) for name, made in JOINT_TYPES.items()}
+# as names of this module, by which other processes unpickle their instances
+globals().update({section.__name__: section for section in JOINTS.values()})
 
 
 class Copies(Section):

@@ -327,7 +327,8 @@ def read_pose(value: Any, tool: sections.ToolSection, key: Key) -> tuple[float, 
         Key of the value: keys of its tables, outermost first.
     """
     if not isinstance(value, list | tuple) or len(value) != len(tool.pose):
-        what = f"a pose of {len(tool.pose)}, {' '.join(tool.pose)}"
+        names = f", {' '.join(tool.pose)}" if tool.pose else ", as tool.pose has none"
+        what = f"a pose of {len(tool.pose)}{names}"
         raise FieldError(key, q.expected(what, value))
     found = []
     for number, (name, each) in enumerate(zip(tool.pose, value, strict=True)):
