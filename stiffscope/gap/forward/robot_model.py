@@ -87,7 +87,7 @@ class RobotModel:
         heavy = tuple((c, ()) for c in known if c.effect == Gravity.word)
         # drives and masses that only weight would show are tried beside gravity
         return (
-            *merge_twins(known, self.predict(heavy)),
+            *merge_twins(known, self.predict(), self.predict(heavy)),
             *nuisance_patterns(self.predict()),
         )
 

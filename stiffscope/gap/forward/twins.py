@@ -20,6 +20,9 @@ if TYPE_CHECKING:
 _MODULUS = ".youngs_modulus"
 _SAME = 1e-9  # 1 - |cosine| of signatures below which effects are indistinguishable
 _ROUNDING = 1e-10  # relative to the largest reading
+_OF_SAG = 1e-3
+"""Least change of what only weight shows, relative to the weight's own: below lie errors of
+geometry times sag, which derivatives to first order do not carry."""
 _OF_ONE_SIZE = 30.0  # largest ratio of the usual changes of readings by two twins
 
 
@@ -36,15 +39,35 @@ def _is_factor(first: Candidate, other: Candidate) -> bool:
     return modulus and first.effect == LinkStiffness.word
 
 
+def _is_shown_by_weight(
+    candidate: Candidate, prediction: RobotPrediction, heavy: RobotPrediction
+) -> bool:
+    """Return whether parameters of prior size would change readings under weight."""
+    weight = np.abs(heavy.plain_readings - prediction.plain_readings).max(initial=0.0)
+    sizes = np.abs(heavy.columns(candidate)) * np.array(candidate.scale)
+    return bool((sizes > _OF_SAG * float(weight)).any() and weight > 0.0)
+
+
 def merge_twins(
-    given: Sequence[Candidate], prediction: RobotPrediction
+    given: Sequence[Candidate], plain: RobotPrediction, prediction: RobotPrediction
 ) -> tuple[Candidate, ...]:
     """Merge candidates of one parameter with the same signature as twins of the first.
 
     Candidates whose usual changes differ strongly are not merged: a usual encoder offset may equal
     an implausible mass. Candidates that change no reading are dropped.
+
+    Parameters
+    ----------
+    given
+        Candidates.
+    plain, prediction
+        Predictions without what the model lacks, and with the robot's own weight.
     """
-    candidates = [c for c in given if not c.scale or _shows(c, prediction)]
+    candidates = [
+        c
+        for c in given
+        if not c.scale or _shows(c, plain) or _is_shown_by_weight(c, plain, prediction)
+    ]
     singles = [c for c in candidates if len(c.scale) == 1 and c.merges]
     if not singles:
         return tuple(candidates)
