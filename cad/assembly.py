@@ -189,7 +189,14 @@ def place_solids(
         inertia = 1e-15 * cad.kernel.inertia(found)
         volume = 1e-9 * found.Mass()
         products.append(
-            Product(number, solid, each["material"], volume, centre, inertia)
+            Product(
+                number=number,
+                solid=solid,
+                material=each["material"],
+                volume=volume,
+                centre=centre,
+                inertia=inertia,
+            )
         )
     names = _name_distinct([each["path"] for each in told["instances"]])
     for name, each in zip(names, told["instances"], strict=True):

@@ -122,8 +122,12 @@ def box(width: float, height: float, wall: float, poisson: float = 0.3) -> Secti
         bending_z=(height * width**3 - inner_height * inner_width**3) / 12,
         torsion=bredt
         + 2 * sum(middle) * wall**3 / 3,  # torsion of the walls themselves
-        shear_y=_cowper(ratios[0], ratios[0], 10, slope, 3.0, poisson),
-        shear_z=_cowper(ratios[1], ratios[1], 10, slope, 3.0, poisson),
+        shear_y=_cowper(
+            m=ratios[0], n=ratios[0], width=10, first=slope, second=3.0, poisson=poisson
+        ),
+        shear_z=_cowper(
+            m=ratios[1], n=ratios[1], width=10, first=slope, second=3.0, poisson=poisson
+        ),
     )
 
 

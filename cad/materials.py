@@ -180,65 +180,66 @@ class TransverselyIsotropic:
 AnyMaterial = Material | TransverselyIsotropic
 
 STEEL = Material(
-    "steel",
-    211e9,
-    81e9,
-    7850.0,
-    11.7e-6,
-    "E, G: Table 4 of Guan et al. (2023), see docs/theory.md, section 1. Density and expansion: handbook values of "
+    name="steel",
+    youngs_modulus=211e9,
+    shear_modulus=81e9,
+    density=7850.0,
+    expansion=11.7e-6,
+    source="E, G: Table 4 of Guan et al. (2023), see docs/theory.md, section 1. "
+    "Density and expansion: handbook values of "
     "structural steel (EN 1991-1-1, ASM). The published link of 1.95 kg would need 7945 kg/m3",
 )
 ALUMINIUM_7075 = Material(
-    "aluminium-7075",
-    71.7e9,
-    26.9e9,
-    2810.0,
-    23.6e-6,
-    "7075-T6: ASM Handbook vol. 2 (1990), Alcoa data sheet",
+    name="aluminium-7075",
+    youngs_modulus=71.7e9,
+    shear_modulus=26.9e9,
+    density=2810.0,
+    expansion=23.6e-6,
+    source="7075-T6: ASM Handbook vol. 2 (1990), Alcoa data sheet",
 )
 ALUMINIUM_6082 = Material(
-    "aluminium-6082",
-    70e9,
-    27e9,
-    2700.0,
-    23e-6,
-    "EN AW-6082 (AlMgSi1): EN 1999-1-1, 3.2.5, design values of wrought aluminium alloys",
+    name="aluminium-6082",
+    youngs_modulus=70e9,
+    shear_modulus=27e9,
+    density=2700.0,
+    expansion=23e-6,
+    source="EN AW-6082 (AlMgSi1): EN 1999-1-1, 3.2.5, design values of wrought aluminium alloys",
 )
 CAST_IRON = Material(
-    "cast-iron",
-    110e9,
-    110e9 / 2.52,
-    7200.0,
-    11.7e-6,
-    "grey iron EN-GJL-250, EN 1561 annex A: E 103-118 GPa, Poisson 0.26, expansion 20-400 C",
+    name="cast-iron",
+    youngs_modulus=110e9,
+    shear_modulus=110e9 / 2.52,
+    density=7200.0,
+    expansion=11.7e-6,
+    source="grey iron EN-GJL-250, EN 1561 annex A: E 103-118 GPa, Poisson 0.26, expansion 20-400 C",
 )
 DUCTILE_IRON = Material(
-    "ductile-iron",
-    169e9,
-    169e9 / 2.55,
-    7100.0,
-    12.5e-6,
-    "spheroidal iron EN-GJS-400-15, EN 1563 annex: E 169 GPa, Poisson 0.275, expansion 20-400 C",
+    name="ductile-iron",
+    youngs_modulus=169e9,
+    shear_modulus=169e9 / 2.55,
+    density=7100.0,
+    expansion=12.5e-6,
+    source="spheroidal iron EN-GJS-400-15, EN 1563 annex: E 169 GPa, Poisson 0.275, expansion 20-400 C",
 )
 TITANIUM = Material(
-    "titanium",
-    113.8e9,
-    44e9,
-    4430.0,
-    8.6e-6,
-    "Ti-6Al-4V (grade 5), annealed: ASM, Materials Properties Handbook: Titanium Alloys (1994)",
+    name="titanium",
+    youngs_modulus=113.8e9,
+    shear_modulus=44e9,
+    density=4430.0,
+    expansion=8.6e-6,
+    source="Ti-6Al-4V (grade 5), annealed: ASM, Materials Properties Handbook: Titanium Alloys (1994)",
 )
 CFRP_TUBE = TransverselyIsotropic(
-    "cfrp-tube",
-    126e9,
-    11e9,
-    6.6e9,
-    0.28,
-    0.4,
-    1580.0,
-    -1e-6,
-    26e-6,
-    "AS4/3501-6, 60 % fibres, all along the tube: Soden, Hinton and Kaddour, Compos. Sci. Technol. 58 (1998) "
+    name="cfrp-tube",
+    axial_modulus=126e9,
+    transverse_modulus=11e9,
+    axial_shear_modulus=6.6e9,
+    axial_poisson=0.28,
+    transverse_poisson=0.4,
+    density=1580.0,
+    axial_expansion=-1e-6,
+    transverse_expansion=26e-6,
+    source="AS4/3501-6, 60 % fibres, all along the tube: Soden, Hinton and Kaddour, Compos. Sci. Technol. 58 (1998) "
     "1011, table 2; density: maker's data. Angle plies are stiffer in torsion and softer in tension: define your own",
 )
 

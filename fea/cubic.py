@@ -90,20 +90,25 @@ def cubic_problem(
 
     if solver.precondition is solver.solve:
         apply, eliminated = apply_by_blocks(
-            space, supports, free, stiffness, springs, solver.solve
+            space=space,
+            supports=supports,
+            free=free,
+            stiffness=stiffness,
+            springs=springs,
+            solve=solver.solve,
         )
     else:
         apply = apply_by_elements(space, supports, free, springs)
         eliminated = None
     return CubicProblem(
-        space,
-        supports,
-        free,
-        apply,
-        precondition,
-        solver.precondition,
-        jacobi,
-        eliminated,
+        space=space,
+        supports=supports,
+        free=free,
+        apply=apply,
+        precondition=precondition,
+        balance=solver.precondition,
+        jacobi=jacobi,
+        eliminated=eliminated,
     )
 
 

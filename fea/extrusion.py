@@ -360,7 +360,12 @@ def _find_along(
     )
     pieces = np.where(turned[:, None], pieces[:, ::-1], pieces)
     return Extrusion(
-        np.asarray(axes, dtype=float), height, places, pieces, walls, holds
+        axes=np.asarray(axes, dtype=float),
+        height=height,
+        corners=places,
+        borders=pieces,
+        walls=walls,
+        held=holds,
     )
 
 

@@ -107,7 +107,12 @@ def two_levels(mesh: TetMesh, stiffness: csr_array, supports: Supports) -> Solve
 
     def solve(force: Floats) -> Floats:
         motion, converged = conjugate_gradients(
-            apply, cycle, force, np.zeros_like(force), TOLERANCE, LIMIT
+            apply=apply,
+            precondition=cycle,
+            force=force,
+            motion=np.zeros_like(force),
+            tolerance=TOLERANCE,
+            limit=LIMIT,
         )
         if converged:
             return motion

@@ -62,7 +62,9 @@ def bisect(mesh: TetMesh, marked: Ints, at: Floats) -> TetMesh:
     )
     pending = np.ones(len(keys), dtype=bool)
     while pending.any():
-        pieces = _cut_round(pieces, count, keys, rank, at, pending)
+        pieces = _cut_round(
+            pieces=pieces, count=count, keys=keys, rank=rank, at=at, pending=pending
+        )
     return _rebuilt(mesh, pieces, count + len(keys))
 
 
@@ -95,7 +97,9 @@ def _cut_round(
     a, b = np.where(swap, b, a), np.where(swap, a, b)
     t = at[edge][:, None]
     middle = (1 - t) * pieces.corners[cut, a] + t * pieces.corners[cut, b]
-    return _with_halves(pieces, cut, a, b, count + edge, middle)
+    return _with_halves(
+        pieces=pieces, cut=cut, a=a, b=b, new=count + edge, middle=middle
+    )
 
 
 def _with_halves(

@@ -251,7 +251,14 @@ def solve_specimen(
         bedding = springs(mesh, specimen.clamped, foundation)
         stiffness = bare + on_nodes(bedding, space.base)
     prepared = prepare(mesh, stiffness, supports, solver)
-    cubic = cubic_problem(mesh, space, supports, prepared, stiffness, bedding)
+    cubic = cubic_problem(
+        mesh=mesh,
+        space=space,
+        supports=supports,
+        solver=prepared,
+        stiffness=stiffness,
+        springs=bedding,
+    )
     weights = _edge_weights(specimen, mesh, interface, foundation)
     system = System(
         specimen, mesh, couplings, supports, bare, stiffness, prepared, cubic, weights

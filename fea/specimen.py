@@ -186,7 +186,12 @@ def mesh_specimen(
     solid = (specimen.surface, specimen.project)
     if specimen.extrusion and not envelope:
         flat = mesh_extrusion(
-            solid[0], specimen.extrusion, specimen.held_faces, solid[1], size, check
+            surface=solid[0],
+            found=specimen.extrusion,
+            interfaces=specimen.held_faces,
+            project=solid[1],
+            size=size,
+            check=check,
         )
     if flat is not None:
         mesh = snap(flat.points, flat.cells, *solid, flat.size, flat.tags)
@@ -200,7 +205,14 @@ def mesh_specimen(
         envelope = envelope or default_envelope(specimen.surface, size)
         elements = expected_elements(specimen.surface, specimen.volume, size)
         check_time(elements, time_limit, cure_of(specimen, size))
-        mesh = _best_mesh(specimen, size, envelope, time_limit, threads, patience)
+        mesh = _best_mesh(
+            specimen=specimen,
+            size=size,
+            envelope=envelope,
+            time_limit=time_limit,
+            threads=threads,
+            patience=patience,
+        )
     edges, _ = singular_edges(mesh, specimen.list_fixed(rigid=rigid))
     graded = grade(mesh, edges, layers, GRADING_RATIO)
     logger.info(
@@ -243,7 +255,12 @@ def _best_mesh(
             closer = envelope / CLOSER**attempt
             energy = ENERGY * specimen.flatness
             points, cells = tetrahedralize(
-                specimen.surface, size, closer, limit, threads, energy
+                surface=specimen.surface,
+                size=size,
+                envelope=closer,
+                time_limit=limit,
+                threads=threads,
+                energy=energy,
             )
         except MeshError:
             if tried:

@@ -166,7 +166,17 @@ def compliance_findings(
         if solid is not None:
             verdict += f"; the solid's is {correct / printed:.3g} x"
         entry = f"C{i + 1}{j + 1}"
-        findings.append(Finding(source, entry, printed, theory, correct, None, verdict))
+        findings.append(
+            Finding(
+                source=source,
+                entry=entry,
+                published=printed,
+                as_published=theory,
+                correct=correct,
+                bound=None,
+                verdict=verdict,
+            )
+        )
     return findings
 
 
@@ -188,7 +198,17 @@ def rms_findings(
         else:
             verdict = "not explained"
         entry = f"RMS {row} at {point} (%)"
-        findings.append(Finding("text", entry, value, sixth, float(rms), None, verdict))
+        findings.append(
+            Finding(
+                source="text",
+                entry=entry,
+                published=value,
+                as_published=sixth,
+                correct=float(rms),
+                bound=None,
+                verdict=verdict,
+            )
+        )
     return findings
 
 
@@ -230,7 +250,13 @@ class _Printed:
             notes.append(note)
         verdict = "; ".join(notes)
         return Finding(
-            self.source, self.entry, self.value, as_published, correct, bound, verdict
+            source=self.source,
+            entry=self.entry,
+            published=self.value,
+            as_published=as_published,
+            correct=correct,
+            bound=bound,
+            verdict=verdict,
         )
 
     def _is(self, reference: float) -> bool:

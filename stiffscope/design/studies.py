@@ -184,7 +184,12 @@ def run_study(
         else Journal(file, folder) as journal,
     ):
         desk = _Desk(
-            file, makers, [] if journal is None else [journal], journal, report, part
+            file=file,
+            makers=makers,
+            stored=[] if journal is None else [journal],
+            journal=journal,
+            report=report,
+            part=part,
         )
         return desk.finish(search(file, desk, part))
 
@@ -215,7 +220,14 @@ def merge_study(file: StudyFile, folders: Sequence[Path]) -> Study:
             raise InputError(f"{file.path}: expected {every}, got {got}")
         yield from ()
 
-    desk = _Desk(file, Makers(refuse, lambda: None), journals, None, None, WHOLE)
+    desk = _Desk(
+        file=file,
+        makers=Makers(refuse, lambda: None),
+        stored=journals,
+        journal=None,
+        report=None,
+        part=WHOLE,
+    )
     return desk.finish(search(file, desk))
 
 

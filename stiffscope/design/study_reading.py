@@ -195,18 +195,18 @@ def _read(top: StudySection, source: Source) -> StudyFile:
         _read_limit(text, k, units) for k, text in enumerate(top.constraints)
     )
     return StudyFile(
-        source.path,
-        robot,
-        top.components,
-        top.tolerance,
-        top.method,
-        _count_designs(top, variables),
-        top.seed,
-        variables,
-        responses,
-        limits,
-        _read_goals(top, units),
-        tuple(poses),
+        path=source.path,
+        robot=robot,
+        components=top.components,
+        tolerance=top.tolerance,
+        method=top.method,
+        designs=_count_designs(top, variables),
+        seed=top.seed,
+        variables=variables,
+        responses=responses,
+        limits=limits,
+        goals=_read_goals(top, units),
+        poses=tuple(poses),
     )
 
 

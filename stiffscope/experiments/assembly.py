@@ -172,7 +172,14 @@ def _assemble(
         for section, change in each.changes:
             if getattr(robot, section):
                 mechanism = load(change)(mechanism, robot)
-    return Assembled(robot, sources, results, matrices, mechanism, bare)
+    return Assembled(
+        robot=robot,
+        sources=sources,
+        results=results,
+        matrices=matrices,
+        mechanism=mechanism,
+        bare=bare,
+    )
 
 
 def check_solids(robot: RobotFile) -> dict[str, Part]:

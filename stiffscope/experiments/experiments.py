@@ -252,7 +252,15 @@ def _read(order: PartOrder, folder: Path, *, whole: bool, reused: bool) -> PartR
         if np.shape(solid[name]) != shape or not np.isfinite(solid[name]).all():
             raise ValueError(f"expected finite numbers of {name}")
     experiment = load_experiment(folder / EXPERIMENT, fields=whole)
-    return PartResult(order, order.key(), folder, experiment, solid, reused, 0.0)
+    return PartResult(
+        order=order,
+        key=order.key(),
+        folder=folder,
+        experiment=experiment,
+        solid=solid,
+        reused=reused,
+        seconds=0.0,
+    )
 
 
 def _make_part(

@@ -84,7 +84,16 @@ def _dimensions(
             points = ((value, *found), (here, *found.values()))
             limit = limits[key]
             compliance = interpolate_between(*points, limit, _legal(material, key))
-            out.append(PartDimension(name, key, value, unit, compliance, limit))
+            out.append(
+                PartDimension(
+                    part=name,
+                    parameter=key,
+                    nominal=value,
+                    unit=unit,
+                    compliance=compliance,
+                    limit=limit,
+                )
+            )
     yields = {foundation or np.inf: here, **tried[FOUNDATION]}
     rigid = yields.pop(np.inf, None)
     if rigid is not None and yields:

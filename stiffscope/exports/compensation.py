@@ -126,7 +126,13 @@ def form_compensation(
     own = displace(middles)[:, rows]
     before, left = (float(np.linalg.norm(e, axis=1).max()) for e in (own, after))
     return Compensation(
-        out.axes, out.lines, out.held, error, out.correction, before, left
+        axes=out.axes,
+        lines=out.lines,
+        held=out.held,
+        error=error,
+        correction=out.correction,
+        before=before,
+        left=left,
     )
 
 

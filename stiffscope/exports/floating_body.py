@@ -127,7 +127,15 @@ def float_body(
         strain = _chain(places, None)
         masses = np.full(count, body.mass / count)
         springs = diagonalize(strain.T @ stiffness @ strain, None, highest)
-        return FloatingBody(order, 0.0, centre, np.zeros((3, 3)), masses, 0, springs)
+        return FloatingBody(
+            order=order,
+            mass=0.0,
+            centre=centre,
+            inertia=np.zeros((3, 3)),
+            end_masses=masses,
+            flywheels=0,
+            springs=springs,
+        )
     return _with_dynamics(elastic.dynamics, order, places, stiffness, highest)
 
 
@@ -230,7 +238,15 @@ def _with_dynamics(
     every = np.vstack([strain, modal])
     springs = diagonalize(stiff, every.T @ rest @ every, highest)
     zeros = np.zeros(len(order))
-    return FloatingBody(order, total, centre, inertia, zeros, free, springs)
+    return FloatingBody(
+        order=order,
+        mass=total,
+        centre=centre,
+        inertia=inertia,
+        end_masses=zeros,
+        flywheels=free,
+        springs=springs,
+    )
 
 
 def rigid_inertia(body: Body) -> tuple[float, Array, Array]:

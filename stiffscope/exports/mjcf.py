@@ -151,7 +151,15 @@ def tune(mechanism: Mechanism, wanted: Wanted, highest: float | None) -> Tuning:
     idle = _IDLE * sum(body.mass for body in mechanism.bodies) / max(1, bare)
     smallest = np.repeat(_STIFF * least, 3)
     share, rigid, unknown = CLOSURES[0]
-    return Tuning(limit, damping, smallest, rigid, share, unknown, idle)
+    return Tuning(
+        highest=limit,
+        damping=damping,
+        smallest=smallest,
+        rigid=rigid,
+        share=share,
+        unknown=unknown,
+        idle=idle,
+    )
 
 
 def needed_closures(

@@ -338,14 +338,31 @@ def _add_branch(
         offset = -offset
     if compliance is None and offset is None:
         entered, place = _add_body(writer, branch.node, parent, home)
-        _add_motions(writer, entered, place, joint, element, sign, extra)
+        _add_motions(
+            writer=writer,
+            body=entered,
+            place=place,
+            joint=joint,
+            element=element,
+            sign=sign,
+            extra=extra,
+        )
     else:
         # A bearing has the axes of the first body and its place on the second: it slides, but
         # does not turn, with the joint.
         before, after = ("P", "RS") if branch.forward else ("RS", "P")
         if any(kind in before for kind, _ in joint.motions):
             middle, place = _add_body(writer, f"{joint.name}:between", parent, frame)
-            _add_motions(writer, middle, place, joint, element, sign, extra, before)
+            _add_motions(
+                writer=writer,
+                body=middle,
+                place=place,
+                joint=joint,
+                element=element,
+                sign=sign,
+                extra=extra,
+                kinds=before,
+            )
             _set_mass(middle, 0.0, place.origin(), None, place)
             parent = f"{joint.name}:between"
             writer.places[parent] = middle, place
@@ -355,12 +372,28 @@ def _add_branch(
         _set_mass(middle, 0.0, place.origin(), None, place)
         writer.places[between] = middle, place
         entered, place = _add_body(writer, branch.node, between, home)
-        _add_motions(writer, entered, place, joint, element, sign, extra, after)
+        _add_motions(
+            writer=writer,
+            body=entered,
+            place=place,
+            joint=joint,
+            element=element,
+            sign=sign,
+            extra=extra,
+            kinds=after,
+        )
     writer.places[branch.node] = entered, place
     if body.elastic is None:
         centre = element.at if body.centre is None else body.centre
         least = writer.tuning.unknown * body.mass * _measure(mechanism, body) ** 2
-        _set_mass(entered, body.mass, centre, body.inertia, place, least)
+        _set_mass(
+            body=entered,
+            mass=body.mass,
+            centre=centre,
+            inertia=body.inertia,
+            place=place,
+            least=least,
+        )
         return
     _add_elastic(writer, body, end, taken)
 
@@ -705,7 +738,15 @@ def _add_moved(
         place = Frame(element.axes, element.at)
         held = closure.stiffness
         extra = (float(held[:3].max()) / fastest, float(held[3:].max()) / fastest)
-        _add_motions(writer, body, place, joint, element, 1.0, extra)
+        _add_motions(
+            writer=writer,
+            body=body,
+            place=place,
+            joint=joint,
+            element=element,
+            sign=1.0,
+            extra=extra,
+        )
         return
     for index, (kind, axis) in enumerate(_joint_of(element).motions[: closure.moved]):
         name = f"{joint.name}:{index + 1}"

@@ -93,7 +93,14 @@ def _write(mechanism: Mechanism, name: str, tree: SpanningTree) -> ET.Element:
     there = Frame(np.eye(3), mechanism.tool.at)
     local = relative(places[carrier], compose(place, compose(_moved(tool), there)))
     ET.SubElement(root, "link", name=TOOL_LINK)
-    _add_joint(root, TOOL_LINK, "fixed", carrier, TOOL_LINK, local)
+    _add_joint(
+        root=root,
+        name=TOOL_LINK,
+        kind="fixed",
+        parent=carrier,
+        child=TOOL_LINK,
+        origin=local,
+    )
     return root
 
 
@@ -159,14 +166,29 @@ def _add_branch(
         if not final:
             ET.SubElement(root, "link", name=child)
         driven = joint.drive if number == joint.driven else None
-        out = _add_joint(root, names[position], kind, link, child, origin, driven)
+        out = _add_joint(
+            root=root,
+            name=names[position],
+            kind=kind,
+            parent=link,
+            child=child,
+            origin=origin,
+            drive=driven,
+        )
         ET.SubElement(out, "axis", xyz=_numbers(sign * axis))
         origin = Frame(np.eye(3), np.zeros(3))
         link = child
     if displaced or not steps:
         fixed = joint.name if not steps else f"{joint.name}.zero"
         origin = last if steps else compose(origin, last)
-        _add_joint(root, fixed, "fixed", link, body.name, origin)
+        _add_joint(
+            root=root,
+            name=fixed,
+            kind="fixed",
+            parent=link,
+            child=body.name,
+            origin=origin,
+        )
     _add_link(root, body, home)
 
 
@@ -190,7 +212,9 @@ def _add_fixed(
     root: ET.Element, name: str, parent: str, child: str, origin: Frame
 ) -> None:
     ET.SubElement(root, "link", name=child)
-    _add_joint(root, name, "fixed", parent, child, origin)
+    _add_joint(
+        root=root, name=name, kind="fixed", parent=parent, child=child, origin=origin
+    )
 
 
 def _add_joint(

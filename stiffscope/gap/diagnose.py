@@ -415,14 +415,14 @@ def _gap(found: Findings, reported: Hypothesis, held_out: Array) -> Gap:
     )
     sizes = (found.sigma * each for each in residuals)
     return Gap(
-        found.percent_rms(none),
-        explained,
-        found.percent_rms_by_pose(held_out),
-        noise,
-        (found.chi2(none) / count, found.chi2(reported) / count),
-        float(np.sqrt(max(explained**2 - noise**2, 0.0))),
-        100.0 * reported.known.discrepancy,
-        rms_by_kind(c, found.used_readings, *sizes),
+        nominal=found.percent_rms(none),
+        explained=explained,
+        held_out=found.percent_rms_by_pose(held_out),
+        noise=noise,
+        chi2_per_reading=(found.chi2(none) / count, found.chi2(reported) / count),
+        left=float(np.sqrt(max(explained**2 - noise**2, 0.0))),
+        discrepancy=100.0 * reported.known.discrepancy,
+        absolute=rms_by_kind(c, found.used_readings, *sizes),
     )
 
 

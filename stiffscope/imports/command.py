@@ -124,7 +124,15 @@ def import_(
     for name, value in said.items():
         if value and name != "material":
             raise InputError(f"--{name}: expected a STEP assembly, got {model.name}")
-    read = import_model(model, goal, drives, tool, home, said["material"], loops)
+    read = import_model(
+        path=model,
+        out=goal,
+        drives=drives,
+        tool=tool,
+        home=home,
+        materials=said["material"],
+        loops=loops,
+    )
     driven = ", ".join(each.partition("=")[0].strip() for each in drives) or "none"
     counts = f"{len(read.bodies)} bodies, {len(read.joints)} joints (driven: {driven})"
     emit(output, model_json(read, goal), lambda: show_written(read, goal, counts))

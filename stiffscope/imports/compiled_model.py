@@ -168,7 +168,12 @@ def compile_at_home(
         _check_finite(path, model)
         model.opt.disableflags &= ~int(library.mjtDisableBit.mjDSBL_EQUALITY)
         compiled = CompiledModel(
-            library, path, model, library.MjData(model), notes, aside
+            mj=library,
+            path=path,
+            model=model,
+            data=library.MjData(model),
+            notes=notes,
+            aside=aside,
         )
         _go_home(compiled, home)
     finally:

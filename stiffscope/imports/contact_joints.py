@@ -105,7 +105,16 @@ def _bonds_of(
         rows = null_space(np.hstack(free).T).T
         for each in touching[frozenset((joint.first, joint.second))] or [None]:
             at = joint.motions[0][1]
-            found.append(Bond(joint.first, joint.second, rows, each, joint.label, at))
+            found.append(
+                Bond(
+                    first=joint.first,
+                    second=joint.second,
+                    rows=rows,
+                    contact=each,
+                    label=joint.label,
+                    at=at,
+                )
+            )
     for small, large in hardware.pairs:  # a cone leaves the spin alone, too
         form = solids[small].product.form
         ring = solids[small]
@@ -232,7 +241,9 @@ def find_joints(
             between[i, j] += [bond for bond in within if {*bond.ends} != {i, j}]
     joints, doubts, planes = list[Freedom](), list[Doubt](), dict[Freedom, float]()
     for (i, j), held in between.items():
-        found = _freedom(i, j, held, solids, scale, hardware)
+        found = _freedom(
+            i=i, j=j, bonds=held, solids=solids, scale=scale, hardware=hardware
+        )
         kinds = {"" if b.contact is None or b.label else b.contact.kind for b in held}
         bare = kinds == {"plane"} and not hardware.roles.keys() & {
             n for b in held for n in b.ends
@@ -244,7 +255,14 @@ def find_joints(
         elif found.kind:
             joints.append(found)
             turning = _turning_kind(found, held, hardware, scale)
-            doubts += doubt_threads(found, turning, held, solids, hardware, contacts)
+            doubts += doubt_threads(
+                joint=found,
+                turning=turning,
+                bonds=held,
+                solids=solids,
+                hardware=hardware,
+                contacts=contacts,
+            )
         else:
             left = f"{found.freedom.shape[1]} freedoms are left ({found.reason})"
             text = f"{left}, which no joint has; say which with --joint"

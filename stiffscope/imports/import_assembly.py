@@ -122,7 +122,16 @@ def import_assembly(
     said = said_beside(path, said or Said())
     left_out = list[str]()
     solids = read_assembly(path, left_out=left_out)
-    return _import(path, out, said, solids, (), left_out, earlier, progress)
+    return _import(
+        path=path,
+        out=out,
+        said=said,
+        solids=solids,
+        built=(),
+        left_out=left_out,
+        earlier=earlier,
+        progress=progress,
+    )
 
 
 def from_assembly(
@@ -165,7 +174,15 @@ def from_assembly(
     words = said_beside(out, said_of(said))
     left_out = list[str]()
     solids, built = read_built(assembly, label, left_out)
-    return _import(Path(label), out, words, solids, built, left_out, earlier)
+    return _import(
+        path=Path(label),
+        out=out,
+        said=words,
+        solids=solids,
+        built=built,
+        left_out=left_out,
+        earlier=earlier,
+    )
 
 
 def _import(
@@ -216,7 +233,9 @@ def _import(
         model, print_safely(path.name), drives, head, part_lines(parts, out)
     )
     record = make_record(solids, hardware.roles, found.joints, doubts)
-    write_import(path, out, text, parts, "an assembly", record)
+    write_import(
+        path=path, out=out, text=text, parts=parts, what="an assembly", record=record
+    )
     changes = None
     if earlier is not None:
         changes = tuple(tell_changes(earlier, record))
@@ -354,7 +373,14 @@ def _model(
             if number not in rigid and len(held) > 1:
                 warnings += _warn_of_rigid(solid, why, estimate, soft)
             continue
-        part, names = _part_of(parts, solid, materials[number], loaded, solids, number)
+        part, names = _part_of(
+            parts=parts,
+            solid=solid,
+            material=materials[number],
+            loaded=loaded,
+            solids=solids,
+            number=number,
+        )
         part.bodies.append(solid.name)
         ends |= {
             (number, joint): f"{solid.name}.{names[loaded.shared.get(joint, joint)]}"

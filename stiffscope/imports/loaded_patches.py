@@ -125,7 +125,14 @@ def _part_touching(
     joints = list(faces)
     for k, joint in enumerate(joints):
         for other in joints[:k]:
-            if not _separate(joint, other, faces, corners, areas, whole):
+            if not _separate(
+                joint=joint,
+                other=other,
+                faces=faces,
+                corners=corners,
+                areas=areas,
+                whole=whole,
+            ):
                 stuck.append((other, joint))
     return stuck
 

@@ -59,7 +59,9 @@ def add_solids(
         file = "" if mesh is None else mesh.get("filename", "")
         if name in bodies and _STEP.search(file):
             try:
-                found[name] = _read_solid(path, file, link, tree, model, said)
+                found[name] = _read_solid(
+                    path=path, file=file, link=link, tree=tree, model=model, said=said
+                )
             except InputError as error:
                 visual = print_safely(file)
                 notes.append(
@@ -83,7 +85,12 @@ def add_solids(
         notes.append(f"{name} bends, and has its solid's {mass:.4g} kg, {given}")
         none = np.zeros((3, 3))
         bodies[name] = ModelBody(
-            name, 0.0, solid.origin, none, parts[-1].name, solid.rotation
+            name=name,
+            mass=0.0,
+            centre=solid.origin,
+            inertia=none,
+            part=parts[-1].name,
+            axes=solid.rotation,
         )
     joints = list[ModelJoint]()
     for j in model.joints:

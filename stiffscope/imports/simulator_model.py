@@ -332,7 +332,19 @@ def _tree_joint(source: CompiledModel, number: int) -> ModelJoint | None:
     sizes = (float(np.ravel(each)[0]) for each in found)
     pairs = zip(_DYNAMICS, sizes, strict=True)
     dynamics = {word: size for word, size in pairs if size}
-    return ModelJoint(name, "", "", kind, at, axis, None, limits, note, gain, dynamics)
+    return ModelJoint(
+        name=name,
+        first="",
+        second="",
+        kind=kind,
+        at=at,
+        axis=axis,
+        axis2=None,
+        range=limits,
+        note=note,
+        gain=gain,
+        dynamics=dynamics,
+    )
 
 
 def _actuator(source: CompiledModel, joint: int) -> tuple[str, float]:
@@ -409,7 +421,13 @@ def _closing_joint(
     note = f"{len(points)} connects of the source"
     if len(sizes) < 2 or sizes[1] < 1e-6 * sizes[0]:
         return ModelJoint(
-            name, first, second, "revolute", at, rows[0], note=f"{note}, on one line"
+            name=name,
+            first=first,
+            second=second,
+            kind="revolute",
+            at=at,
+            axis=rows[0],
+            note=f"{note}, on one line",
         )
     return ModelJoint(name, first, second, "fixed", at, note=note)
 

@@ -251,12 +251,12 @@ def _yield_by(
             driven = joint.drive.stiffness if joint.drive else np.inf
             more += [
                 Slot(
-                    name,
-                    i,
-                    law,
-                    size,
-                    driven if i == DRIVEN.get(joint.kind) else np.inf,
-                    knee,
+                    element=name,
+                    direction=i,
+                    law=law,
+                    size=size,
+                    stiffness=driven if i == DRIVEN.get(joint.kind) else np.inf,
+                    knee=knee,
                 )
                 for i in directions(joint)
             ]

@@ -290,7 +290,14 @@ def machine_of(robot: RobotFile, parts: Mapping[str, Any]) -> Machine:
     at = np.array(robot.tool.at)
     pose = tuple(robot.tool.pose)
     return Machine(
-        robot, bodies, joints, tool, at, pose, gravity, slots=tuple(_find_slots(robot))
+        robot=robot,
+        bodies=bodies,
+        joints=joints,
+        tool=tool,
+        at=at,
+        pose=pose,
+        gravity=gravity,
+        slots=tuple(_find_slots(robot)),
     )
 
 

@@ -137,7 +137,16 @@ def find_sliders(robot: RobotFile) -> list[Slider]:
         )
         decades = by > 2.0 and low > 0.0
         out.append(
-            Slider(each.name, group, each.value, low, high, scale, unit, decades)
+            Slider(
+                name=each.name,
+                group=group,
+                value=each.value,
+                low=low,
+                high=high,
+                scale=scale,
+                unit=unit,
+                decades=decades,
+            )
         )
     return out
 

@@ -62,8 +62,7 @@ class Loop:
         middle = inverse[:, None] / (1.0 - self.decay * inverse[:, None])
         later = (self.left * middle[:, None]) @ self.right.T
         factor = (1.0 - inverse)[:, None, None]
-        values: Complex = np.linalg.eigvals(factor * (self.prompt + later))
-        return values
+        return np.linalg.eigvals(factor * (self.prompt + later)).astype(complex)
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +71,7 @@ class Circle:
 
     loop: Loop
     theta: Array
-    values: Array
+    values: Complex
 
     def refined(self, depth: float) -> Circle:
         """Return it with more points where the determinant turns fast at a depth, m."""
@@ -217,7 +216,9 @@ def _copy_nodes(
     return copies
 
 
-def _causal(base: Array, weights: Array, panels: list[slice], poles: Array) -> Array:
+def _causal(
+    base: Array, weights: Array, panels: list[slice], poles: Complex
+) -> Complex:
     """Return ∫ g(s_i - s') ℓ_j(s') ds' over s' < s_i (m, s, s) for the impulse responses g."""
     out = np.zeros((len(poles), len(base), len(base)))
     for panel in panels:
@@ -241,7 +242,7 @@ def _impulse(time: Array, poles: Complex) -> Array:
     return np.exp(at.real) * np.sin(at.imag) / rate
 
 
-def _angles(poles: Array, delay: float) -> Array:
+def _angles(poles: Complex, delay: float) -> Array:
     """Return angles of μ from 0 to π: evenly spread, and dense at each mode's own multiplier."""
     turned = np.mod(poles.imag * delay, 2.0 * np.pi)
     centre = np.where(turned > np.pi, 2.0 * np.pi - turned, turned)

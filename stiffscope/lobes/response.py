@@ -63,13 +63,13 @@ class ToolResponse:
     def __getitem__(self, some: Any) -> ToolResponse:
         """Return the response at some poses, as a stack."""
         return ToolResponse(
-            self.squares[some],
-            self.damping[some],
-            self.shapes[some],
-            self.remainder[some],
-            self.frequency_error[some],
-            self.damping_error[some],
-            None if self.origin is None else self.origin[some],
+            squares=self.squares[some],
+            damping=self.damping[some],
+            shapes=self.shapes[some],
+            remainder=self.remainder[some],
+            frequency_error=self.frequency_error[some],
+            damping_error=self.damping_error[some],
+            origin=None if self.origin is None else self.origin[some],
         )
 
     @property
@@ -139,7 +139,14 @@ def tool_response(
     remainder = _positive(axes @ soft @ axes.mT - static, soft)
     ratio, doubt = damping(np.where(known, hertz, 1.0))
     error = np.where(known, shaken.error / np.where(known, hertz, 1.0), 0.0)
-    response = ToolResponse(squares, ratio, turned, remainder, error, doubt)
+    response = ToolResponse(
+        squares=squares,
+        damping=ratio,
+        shapes=turned,
+        remainder=remainder,
+        frequency_error=error,
+        damping_error=doubt,
+    )
     return response, shaken
 
 

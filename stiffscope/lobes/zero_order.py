@@ -92,11 +92,10 @@ def eigenvalues(response: ToolResponse, cut: Engagement, omega: Array) -> Comple
         apart = 0.5 * (matrix[..., 0, 0] - matrix[..., 1, 1])
         root = np.sqrt(apart**2 + matrix[..., 0, 1] * matrix[..., 1, 0])
         return np.stack([half + root, half - root], axis=-1)
-    values: Complex = np.linalg.eigvals(matrix)
-    return values
+    return np.linalg.eigvals(matrix).astype(complex)
 
 
-def follow(values: Array) -> Array:
+def follow(values: Complex) -> Complex:
     """Return eigenvalues (n, f, d) ordered so that each varies continuously along f."""
     n, f, d = values.shape
     orders = [list(order) for order in permutations(range(d))]
@@ -206,7 +205,7 @@ def _find_slope(
 
 
 def _within(
-    values: Array, omega: Array, cut: Engagement, speeds: tuple[float, float]
+    values: Complex, omega: Array, cut: Engagement, speeds: tuple[float, float]
 ) -> Array:
     """Return the largest Re λ (n, f) of which a lobe lies in the range of speeds, else 0."""
     slow, fast = speeds
@@ -222,7 +221,7 @@ def _within(
     return np.where(within, values.real, 0.0).max(axis=2)
 
 
-def _find_coupling(values: Array) -> Array:
+def _find_coupling(values: Complex) -> Array:
     """Return the least 1/λ (n,) where a branch λ (n, f, d) crosses the positive real axis."""
     before = values[:, :-1]
     after = values[:, 1:]
@@ -233,7 +232,7 @@ def _find_coupling(values: Array) -> Array:
     return np.where(most > 0.0, 1.0 / np.where(most > 0.0, most, 1.0), np.inf)
 
 
-def mode_terms(response: ToolResponse, cut: Engagement, omega: Array) -> Array:
+def mode_terms(response: ToolResponse, cut: Engagement, omega: Array) -> Complex:
     """Return the terms (n, m) of the largest Re λ at ω (n,) by mode, complex; they add up to λ.
 
     Because λ is stationary in its eigenvectors, dλ is the sum of the terms' own changes.
@@ -250,14 +249,14 @@ def mode_terms(response: ToolResponse, cut: Engagement, omega: Array) -> Array:
     return modal * np.einsum("ni,nmij,nj->nm", left, by_mode, vector)
 
 
-def mode_total(response: ToolResponse, cut: Engagement, omega: Array) -> Array:
+def mode_total(response: ToolResponse, cut: Engagement, omega: Array) -> Complex:
     """Return the λ (n,) with the largest real part at ω (n,), rad/s."""
     values = eigenvalues(response, cut, omega[:, None])[:, 0]
     best = values.real.argmax(axis=1)
     return values[np.arange(len(values)), best]
 
 
-def _mode_shares(response: ToolResponse, cut: Engagement, omega: Array) -> Array:
+def _mode_shares(response: ToolResponse, cut: Engagement, omega: Array) -> Complex:
     terms = mode_terms(response, cut, omega).real
     total = np.abs(terms).sum(axis=1, keepdims=True)
     return terms / np.where(total > 0.0, total, 1.0)
@@ -300,7 +299,11 @@ def _find_lobes(
 
 
 def _cross_lobes(
-    response: ToolResponse, cut: Engagement, omega: Array, values: Array, delays: Array
+    response: ToolResponse,
+    cut: Engagement,
+    omega: Array,
+    values: Complex,
+    delays: Array,
 ) -> tuple[Array, Array]:
     """Return the least depth (s,) at which a branch λ (f, d) meets a lobe, by delay τ (s,), s.
 

@@ -109,7 +109,15 @@ def plan_course(
         and not path.rapid[1:].any()
     ):
         time = np.concatenate([[0.0], np.cumsum(np.diff(length) / path.feed[1:])])
-    return Course(job, length, time, tool, axes, wrench, cutting)
+    return Course(
+        job=job,
+        length=length,
+        time=time,
+        tool=tool,
+        axes=axes,
+        wrench=wrench,
+        cutting=cutting,
+    )
 
 
 def pick_evenly(n: int, most: int) -> Indices:

@@ -199,7 +199,14 @@ def choose_free(course: Course, assembled: Assembled) -> Freed:
         program=None,
         free=named,
     )
-    return Freed(placed, path, named, fixed, np.abs(error), np.abs(before))
+    return Freed(
+        course=placed,
+        path=path,
+        values=named,
+        fixed=fixed,
+        error=np.abs(error),
+        before=np.abs(before),
+    )
 
 
 def _scan(
@@ -298,7 +305,14 @@ def _settle(
     acts = np.isfinite(limit)
     scale = max(float(np.mean(limit[acts] ** 2)), 1e-300)
     for k in range(len(problem.motions)):
-        values = _descend(problem, values, k, stations, acts[stations], scale)
+        values = _descend(
+            problem=problem,
+            values=values,
+            k=k,
+            stations=stations,
+            acts=acts[stations],
+            scale=scale,
+        )
     spread = values[:1]
     if len(stations) > 1:
         spread = PchipInterpolator(stations, values, axis=0)(every)

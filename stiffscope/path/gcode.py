@@ -118,7 +118,14 @@ def read_program(path: Path, step: float) -> Program:
         expected = "lines that move the tool (G0 to G3 with X, Y or Z)"
         raise InputError(f"{path.name}: expected {expected}, got none")
     points, rapid, feed, line = map(np.array, zip(*rows, strict=True))
-    return Program(points, rapid, feed, line, text, frozenset(line.tolist()))
+    return Program(
+        points=points,
+        rapid=rapid,
+        feed=feed,
+        line=line,
+        text=text,
+        moving=frozenset(line.tolist()),
+    )
 
 
 def _read_line(state: _State, line: str, here: str, step: float) -> Iterator[Array]:

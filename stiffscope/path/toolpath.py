@@ -186,7 +186,16 @@ def read_toolpath(
     if feed is not None:
         table.refuse_where(feed <= 0.0, "feed", "a speed above 0")
     rapid = np.zeros(len(values), dtype=bool)
-    return ToolPath(columns, values, feed, time, wrench, rapid, table.lines, factors)
+    return ToolPath(
+        columns=columns,
+        values=values,
+        feed=feed,
+        time=time,
+        wrench=wrench,
+        rapid=rapid,
+        lines=table.lines,
+        factors=factors,
+    )
 
 
 def _read_plain(path: Path, check: Callable[[str, list[str]], None]) -> Table | None:
@@ -261,14 +270,14 @@ def _of_program(
     lines = (program.line + 1).tolist()
     factors = {str(name): 1.0 for name in pose}
     return ToolPath(
-        pose,
-        values,
-        feed,
-        None,
-        None,
-        program.rapid,
-        lines,
-        factors,
-        program,
-        (at, axes),
+        columns=pose,
+        values=values,
+        feed=feed,
+        time=None,
+        wrench=None,
+        rapid=program.rapid,
+        lines=lines,
+        factors=factors,
+        program=program,
+        place=(at, axes),
     )

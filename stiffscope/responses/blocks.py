@@ -180,7 +180,14 @@ def _read_binary(
         got = f"{len(content) - at} bytes to the end of the file"
         raise InputError(f"{where}: expected {expected}, got {got}")
     stop, after = end
-    block = Block(number, name, first, records, content[at:stop], order == 1)
+    block = Block(
+        number=number,
+        name=name,
+        line=first,
+        records=records,
+        binary=content[at:stop],
+        little_endian=order == 1,
+    )
     return block, after, line + 2
 
 

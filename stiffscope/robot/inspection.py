@@ -138,7 +138,15 @@ def inspect_robot(robot: RobotFile) -> Inspection:
     }
     named = _named_poses(robot, mechanism)
     doubts = tuple(d for find in registered("doubts") for d in find(robot))
-    inspection = Inspection(robot, mechanism, found, residual, parts, masses, doubts)
+    inspection = Inspection(
+        robot=robot,
+        mechanism=mechanism,
+        mobility=found,
+        residual=residual,
+        parts=parts,
+        masses=masses,
+        doubts=doubts,
+    )
     try:
         configurations = configured_poses(robot, mechanism, list(named.values()))
         locked = [k for k, state in found.coordinates.items() if state == "locked"]

@@ -124,7 +124,16 @@ def beam_dimensions(robot: RobotFile, name: str) -> tuple[PartDimension, ...]:
         compliance = partial(_beam, robot, name, key)
         limit = find_vanishing(robot, name, key)
         if not np.allclose(compliance(1.01 * value), nominal, rtol=1e-9, atol=0.0):
-            out.append(PartDimension(name, key, value, unit, compliance, limit))
+            out.append(
+                PartDimension(
+                    part=name,
+                    parameter=key,
+                    nominal=value,
+                    unit=unit,
+                    compliance=compliance,
+                    limit=limit,
+                )
+            )
     return tuple(out)
 
 

@@ -109,11 +109,11 @@ def compare_robots(
             other = map_robot(sweep, made["second"].mechanism, POINTS, "none")
             change = replace(one, loaded=other.stiffness)
     return RobotComparison(
-        names,
-        tuple(name for name, ok in zip(poses, reached, strict=True) if ok),
-        np.array([each.matrix for each in plain]),
-        np.array([each.sag for each in both]),
-        change,
-        made,
-        tuple(map(tuple, values[reached].tolist())),
+        names=names,
+        poses=tuple(name for name, ok in zip(poses, reached, strict=True) if ok),
+        stiffness=np.array([each.matrix for each in plain]),
+        sag=np.array([each.sag for each in both]),
+        change=change,
+        made=made,
+        places=tuple(map(tuple, values[reached].tolist())),
     )

@@ -138,7 +138,13 @@ def ball_contacts(
     at = (0.5 * pitch + (inner - 0.5) * diameter * np.cos(angle)) * radial
     constant = np.full(count, in_series(*constants))
     return Contacts(
-        at, between, np.full(count, reach), constant, POINT, around, turning=True
+        at=at,
+        between=between,
+        reach=np.full(count, reach),
+        constant=constant,
+        exponent=POINT,
+        slide=around,
+        turning=True,
     )
 
 
@@ -199,7 +205,15 @@ def roller_bearing(
     between, slide = (np.repeat(way, _SLICES, axis=0) for way in (radial, around))
     reach = np.full(len(at), 1.0 + 0.5 * clearance)
     constant = np.full(len(at), line_constant(length) / _SLICES)
-    contacts = Contacts(at, between, reach, constant, LINE, slide, turning=False)
+    contacts = Contacts(
+        at=at,
+        between=between,
+        reach=reach,
+        constant=constant,
+        exponent=LINE,
+        slide=slide,
+        turning=False,
+    )
     wrench = np.concatenate([load, np.zeros(3)])
     found = _element(
         contacts, wrench, 0.5 * pitch, (0, 3), f"{_LINES}, rollers in slices"
@@ -224,7 +238,13 @@ def crossed_roller(
     reach = np.full(count, 1.0 + 0.5 * clearance / np.sqrt(2.0))
     constant = np.full(count, line_constant(length))
     contacts = Contacts(
-        0.5 * pitch * radial, between, reach, constant, LINE, around, turning=False
+        at=0.5 * pitch * radial,
+        between=between,
+        reach=reach,
+        constant=constant,
+        exponent=LINE,
+        slide=around,
+        turning=False,
     )
     return _element(
         contacts, np.concatenate([load, np.zeros(3)]), 0.5 * pitch, (3,), _LINES
@@ -276,7 +296,15 @@ def carriage_contacts(
     slide = np.broadcast_to(np.eye(3)[0], at.shape)
     reach = np.full(k, 1.0 - pressed)
     constant = np.full(k, c)
-    return Contacts(at, normal, reach, constant, POINT, slide, turning=False)
+    return Contacts(
+        at=at,
+        between=normal,
+        reach=reach,
+        constant=constant,
+        exponent=POINT,
+        slide=slide,
+        turning=False,
+    )
 
 
 def guide_of_balls(
@@ -439,5 +467,11 @@ def _element(
     stiffness[np.abs(stiffness) < _ROUNDED * np.outer(size, size)] = 0.0
     notes = () if (pressed > 0.0).all() else (_FEW_LOADED,)
     return MachineElement(
-        stiffness, free, source, twist, loads, np.arcsin(along[:, 0]), notes
+        stiffness=stiffness,
+        free=free,
+        source=source,
+        twist=twist,
+        loads=loads,
+        angles=np.arcsin(along[:, 0]),
+        notes=notes,
     )

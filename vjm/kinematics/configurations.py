@@ -77,7 +77,14 @@ class Configurations:
         failure = self.failure[some]
         culprit = self.culprit[some]
         return Configurations(
-            self.mechanism, poses, tool, valid, q, self.linkage, failure, culprit
+            mechanism=self.mechanism,
+            poses=poses,
+            tool=tool,
+            valid=valid,
+            q=q,
+            linkage=self.linkage,
+            failure=failure,
+            culprit=culprit,
         )
 
     @cached_property
@@ -363,7 +370,14 @@ def _configurations(solver: Solver, followed: Followed) -> Configurations:
     if "" in linkage.columns:
         poses = mechanism.tool.home + q[linkage.known].T
     out = Configurations(
-        mechanism, poses, tool, failure == 0, q, linkage, failure, culprit
+        mechanism=mechanism,
+        poses=poses,
+        tool=tool,
+        valid=failure == 0,
+        q=q,
+        linkage=linkage,
+        failure=failure,
+        culprit=culprit,
     )
     out.__dict__["placed_links"] = placed
     _refuse_beyond(out, *solver.ranges, _SLACK)

@@ -300,5 +300,11 @@ def _check_elastic(elastic: Elastic, here: str) -> Elastic:
     if offset is not None:
         offset = check_array(offset, (6 * m,), f"{here}.offset", "offset")
     return Elastic(
-        compliance, places, axes, error, offset, elastic.dynamics, elastic.ends
+        compliance=compliance,
+        places=places,
+        axes=axes,
+        error=error,
+        offset=offset,
+        dynamics=elastic.dynamics,
+        ends=elastic.ends,
     )

@@ -391,7 +391,16 @@ def _fold(state: Condensed, step: Fold) -> Folded:
     for c in step.neighbours:
         state.pairs.pop((step.node, c), None)
         state.pairs.pop((c, step.node), None)
-    return Folded(step, state.where, columns, core, half, around, own, reach)
+    return Folded(
+        step=step,
+        where=state.where,
+        columns=columns,
+        core=core,
+        half=half,
+        around=around,
+        own=own,
+        reach=reach,
+    )
 
 
 def _refuse(names: list[str]) -> None:

@@ -256,4 +256,11 @@ def chain_loads(
         moved.append(twist)
         if twist is not None:
             offset = twist if offset is none else offset + twist
-    return ChainLoads(connection, where, each, laden, moved, offset)
+    return ChainLoads(
+        connection=connection,
+        where=where,
+        carried=each,
+        laden=laden,
+        moved=moved,
+        offset=offset,
+    )

@@ -137,18 +137,18 @@ def load_header(folder: Path) -> Header:
         top.choice("components", COMPONENTS) if "components" in top.data else None
     )
     return Header(
-        robot,
-        modelled,
-        components,
-        readings,
-        predictions,
-        source,
-        {column: unit for column in units.data if (unit := units.text(column))},
-        ignore,
-        frames,
-        tuple(sensors),
-        tuple(loads),
-        setups,
+        robot=robot,
+        modelled=modelled,
+        components=components,
+        readings=readings,
+        predictions=predictions,
+        source=source,
+        units={column: unit for column in units.data if (unit := units.text(column))},
+        ignore=ignore,
+        frames=frames,
+        sensors=tuple(sensors),
+        loads=tuple(loads),
+        responses=setups,
     )
 
 

@@ -154,14 +154,14 @@ def read_keys(table: Table, header: Header, *, bare: bool) -> Keys:
             strange, name, "a label of printable characters"
         )  # a terminal would obey it
     return Keys(
-        table,
-        coordinates,
-        place,
-        wrench,
-        quantity,
-        sensor,
-        load,
-        table.column("session"),
+        table=table,
+        coordinates=coordinates,
+        place=place,
+        wrench=wrench,
+        quantity=quantity,
+        sensor=sensor,
+        load=load,
+        sessions=table.column("session"),
     )
 
 

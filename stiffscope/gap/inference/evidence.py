@@ -136,7 +136,13 @@ def errors_of(campaign: Campaign, noise: Noise, log_odds: float) -> Errors:
     volume = -0.5 * np.log1p(sizes[:, None] ** 2 * norms).sum(axis=1)
     prior = np.where(sizes > 0.0, log_odds - np.log(len(DISCREPANCIES)), 0.0)
     return Errors(
-        noise, group, shape, norms, np.ones(len(sizes)), sizes, volume + prior
+        noise=noise,
+        group=group,
+        shape=shape,
+        norms=norms,
+        factors=np.ones(len(sizes)),
+        sizes=sizes,
+        log_weight=volume + prior,
     )
 
 
@@ -298,7 +304,15 @@ def posterior(
     factor = float(np.exp(share @ np.log(errors.factors)))
     size = float(np.sqrt(share @ errors.sizes**2))
     return Posterior(
-        whole, mean, find_covariance, chosen, averaging, share, plain, factor, size
+        log_evidence=whole,
+        mean=mean,
+        find_covariance=find_covariance,
+        scales=chosen,
+        averaging=averaging,
+        settings=share,
+        plain=plain,
+        noise_factor=factor,
+        discrepancy=size,
     )
 
 

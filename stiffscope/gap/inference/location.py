@@ -30,14 +30,14 @@ def locate_residuals(found: Findings, reported: Hypothesis, *, beyond: bool) -> 
         np.where(used, found.residual(h), 0.0) for h in (found.none, reported)
     )
     return Where(
-        by_direction(c, before),
-        component_shares(found, reported),
-        c.pose_names,
-        by_pose(c, before),
-        by_pose(c, after),
-        by_direction(c, after) if beyond else {},
-        by_sensor(c, before),
-        by_sensor(c, after) if beyond else {},
+        direction=by_direction(c, before),
+        component=component_shares(found, reported),
+        pose_names=c.pose_names,
+        pose=by_pose(c, before),
+        unexplained=by_pose(c, after),
+        left=by_direction(c, after) if beyond else {},
+        sensor=by_sensor(c, before),
+        left_by_sensor=by_sensor(c, after) if beyond else {},
     )
 
 

@@ -119,19 +119,21 @@ def draw_samples(
     parameters[DISCREPANCY] = size
     units[DISCREPANCY] = "1"
     return Samples(
-        {name: draws.reshape(CHAINS, DRAWS) for name, draws in parameters.items()},
-        units,
-        predicted.reshape(CHAINS, few, len(c)),
-        np.array(c.value),
-        found.sigma,
-        found.used_readings,
-        tuple(c.pose_names[int(k)] for k in c.pose),
-        tuple(c.what(k) for k in range(len(c))),
-        held_out,
-        found.predict_readings(found.none),
-        found.predict_readings(reported or averaged[0][0]),
-        split_by_kind(c),
-        tuple(c.where(k) for k in range(len(c))),
+        parameters={
+            name: draws.reshape(CHAINS, DRAWS) for name, draws in parameters.items()
+        },
+        units=units,
+        predicted=predicted.reshape(CHAINS, few, len(c)),
+        observed=np.array(c.value),
+        sigma=found.sigma,
+        used=found.used_readings,
+        pose=tuple(c.pose_names[int(k)] for k in c.pose),
+        quantity=tuple(c.what(k) for k in range(len(c))),
+        held_out=held_out,
+        before=found.predict_readings(found.none),
+        after=found.predict_readings(reported or averaged[0][0]),
+        kinds=split_by_kind(c),
+        where=tuple(c.where(k) for k in range(len(c))),
     )
 
 

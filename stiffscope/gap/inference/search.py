@@ -305,7 +305,12 @@ class Search:
             before = positive_of(hypothesis.candidates)[kept]
             positive = np.array([*before, *one_sided], dtype=np.bool_)
             logs, means, _ = log_evidences(
-                grams, pulls, totals, log_weight, scales, positive
+                grams=grams,
+                pulls=pulls,
+                totals=totals,
+                log_weight=log_weight,
+                scales=scales,
+                positive=positive,
             )
             for candidate, prior_of, rough, mean in zip(
                 added, priors, logs, means, strict=True

@@ -75,16 +75,18 @@ def _describe(
     read = np.unique(c.sensor[rows])
     kind = KINDS[int(KIND_OF[code])].name
     return NextMeasurement(
-        separates,
-        gain,
-        dict(zip(c.coordinates, (float(v) for v in c.poses[pose]), strict=True)),
-        None
+        separates=separates,
+        expected_gain=gain,
+        position=dict(
+            zip(c.coordinates, (float(v) for v in c.poses[pose]), strict=True)
+        ),
+        wrench=None
         if np.isnan(c.wrench[row]).any()
         else tuple(float(w) for w in c.wrench[row]),
-        None,
-        kind if len(rows) > 1 else QUANTITY[code].name,
-        tuple(c.sensors[int(k)].name for k in read if k != AT_TOOL) or None,
-        None if load == AT_TOOL or not c.wrench[row].any() else c.loads[load].name,
+        pose=None,
+        quantity=kind if len(rows) > 1 else QUANTITY[code].name,
+        sensors=tuple(c.sensors[int(k)].name for k in read if k != AT_TOOL) or None,
+        load=None if load == AT_TOOL or not c.wrench[row].any() else c.loads[load].name,
     )
 
 

@@ -124,7 +124,14 @@ def prepare_case(
 def write_case(folder: Path, number: int, case: BlindCase, lab: Lab) -> None:
     """Write the campaign of a case into a folder, without its faults."""
     machine, plan, located, rng = prepare_case(case, number, lab)
-    readings = measure(machine, plan, Noise(), rng, located, lab.robot.mechanics)
+    readings = measure(
+        machine=machine,
+        plan=plan,
+        noise=Noise(),
+        rng=rng,
+        located=located,
+        mechanics=lab.robot.mechanics,
+    )
     robot = lab.robot.reference
     components = lab.robot.components
     write_readings(

@@ -232,16 +232,18 @@ def score(outcomes: Sequence[Outcome]) -> Scores:
         if o.right and o.confident and o.kind in EFFECTS
     ]
     return Scores(
-        tuple(outcomes),
-        _share([o.right for o in evident]),
-        _share([o.right for o in first if o.kind == "pair"]),
-        _share([o.right for o in first if o.kind == "triple"]),
-        _share([bool(o.named) for o in first if o.kind == "none"]),
-        _share([o.confident for o in first if o.kind == "outside"]),
-        _share([o.confident for o in first if o.kind == "outside" and not o.imitated]),
-        _share([o.right for o in outcomes if o.left_out]),
-        _share([c for o in first for c in o.covered]),
-        max(held) if held else None,
+        outcomes=tuple(outcomes),
+        singles=_share([o.right for o in evident]),
+        pairs=_share([o.right for o in first if o.kind == "pair"]),
+        triples=_share([o.right for o in first if o.kind == "triple"]),
+        false_alarms=_share([bool(o.named) for o in first if o.kind == "none"]),
+        outside=_share([o.confident for o in first if o.kind == "outside"]),
+        distinguishable=_share(
+            [o.confident for o in first if o.kind == "outside" and not o.imitated]
+        ),
+        left_out=_share([o.right for o in outcomes if o.left_out]),
+        coverage=_share([c for o in first for c in o.covered]),
+        held_out=max(held) if held else None,
     )
 
 

@@ -116,7 +116,15 @@ def draw_known(
     size = _draw_size(rng, 0.3, 3.0)
     sign = 1.0 if rng.random() < 0.5 else -1.0
     members = tuple(lab.sound.members(place))
-    draw = _Draw(rng, lab, place, members, size, sign, alone)
+    draw = _Draw(
+        rng=rng,
+        lab=lab,
+        place=place,
+        members=members,
+        size=size,
+        sign=sign,
+        alone=alone,
+    )
     return Fault(effect, place, SIZES[effect](draw))
 
 

@@ -143,7 +143,9 @@ def stressed_part(
     view = view_of(
         np.vstack([mesh.points, bent]), towards=(0.55, y, 0.75 * z), width=1300
     )
-    image, _, _ = _draw_deformed(mesh, bent, stress, "inferno", view, node)
+    image, _, _ = _draw_deformed(
+        mesh=mesh, points=bent, values=stress, colours="inferno", view=view, node=node
+    )
     figure, (cell,) = sheet_of(1, 1, view.size, title)
     remark = f"deformation × {power(scale)}"
     fill(cell, image, "von Mises stress, the ring is at its greatest", remark)

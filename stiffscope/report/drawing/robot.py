@@ -134,7 +134,14 @@ def robot(
     for picture in pictures:
         coloured = picture.get("shares", shares)
         if "frames" in picture:
-            images = _draw_frames(picture, solids, reach, upward, tool, coloured)
+            images = _draw_frames(
+                picture=picture,
+                solids=solids,
+                reach=reach,
+                up=upward,
+                tool=tool,
+                shares=coloured,
+            )
             figures = [frame_picture(*image, picture["title"]) for image in images]
             for figure in figures:
                 _explain(figure, key, coloured, scale)
@@ -186,7 +193,9 @@ def _draw_frames(
         [*solid, *(np.add([point], 0.12 * reach * np.eye(3)) for point in points)]
     )
     for point, each in zip(points, shapes, strict=True):
-        yield _scene(each, point, up, reach, seen, MOVING)
+        yield _scene(
+            shapes=each, point=point, up=up, reach=reach, seen=seen, width=MOVING
+        )
 
 
 def _save_loop(target: Path, figures: list[Figure], order: list[int]) -> None:

@@ -152,7 +152,15 @@ def _make_elastic(bodies: Tables, reach: float) -> Iterable[Solid]:
             length = float(body["length"])
             places = np.array(body["places"], float)
             yield Solid(
-                name, skin, colour, nodes, axes, base, length, places, "points" in body
+                element=name,
+                surface=skin,
+                colour=colour,
+                nodes=nodes,
+                axes=axes,
+                base=base,
+                length=length,
+                places=places,
+                glass="points" in body,
             )
 
 

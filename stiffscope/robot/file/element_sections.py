@@ -164,7 +164,13 @@ class BallBearing(_Rotary):
         angle = self.angle or 0.0
         groove = self.osculation
         contacts = me.ball_contacts(
-            balls, ball, pitch, angle, groove, modulus, self.clearance
+            count=balls,
+            diameter=ball,
+            pitch=pitch,
+            angle=angle,
+            osculation=groove,
+            modulus=modulus,
+            clearance=self.clearance,
         )
         return me.ball_bearing(contacts, self._force, self.arrangement, self.spacing)
 
@@ -277,15 +283,15 @@ class LinearGuide(ElementSection):
         keys = ("ball", "width", "height", "length", "preload")
         ball, width, height, length, preload = self._need(*keys)
         contacts = me.carriage_contacts(
-            self.balls,
-            ball,
-            self.osculation[0],
-            self.angle,
-            width,
-            height,
-            length,
-            preload,
-            me.reduced_modulus(),
+            count=self.balls,
+            diameter=ball,
+            osculation=self.osculation[0],
+            angle=self.angle,
+            width=width,
+            height=height,
+            length=length,
+            preload=preload,
+            modulus=me.reduced_modulus(),
             face_to_face=self.arrangement == "face-to-face",
         )
         return me.guide_of_balls(contacts, rails, carriages)
