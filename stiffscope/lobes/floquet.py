@@ -216,9 +216,7 @@ def _copy_nodes(
     return copies
 
 
-def _causal(
-    base: Array, weights: Array, panels: list[slice], poles: Complex
-) -> Complex:
+def _causal(base: Array, weights: Array, panels: list[slice], poles: Complex) -> Array:
     """Return ∫ g(s_i - s') ℓ_j(s') ds' over s' < s_i (m, s, s) for the impulse responses g."""
     out = np.zeros((len(poles), len(base), len(base)))
     for panel in panels:

@@ -256,7 +256,7 @@ def mode_total(response: ToolResponse, cut: Engagement, omega: Array) -> Complex
     return values[np.arange(len(values)), best]
 
 
-def _mode_shares(response: ToolResponse, cut: Engagement, omega: Array) -> Complex:
+def _mode_shares(response: ToolResponse, cut: Engagement, omega: Array) -> Array:
     terms = mode_terms(response, cut, omega).real
     total = np.abs(terms).sum(axis=1, keepdims=True)
     return terms / np.where(total > 0.0, total, 1.0)
@@ -350,7 +350,7 @@ def _settle(
     goal: Array,
     between: tuple[Array, Array],
     misses: list[Array],
-    near: Array,
+    near: Complex,
 ) -> tuple[Array, Array]:
     """Return Re λ and ω (s,) where ωτ - 2 arg λ - π reaches its goal, by regula falsi."""
     low, high = between
