@@ -39,7 +39,7 @@ from stiffscope.vjm.model.screws import shift, skew
 from stiffscope.vjm.model.subspaces import null_space, range_space
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
     from stiffscope.cad.assembly import Instance
     from stiffscope.cad.built_assembly import BuiltJoint
@@ -273,7 +273,7 @@ def find_joints(
         doubts += doubt_built(
             joints, find_joints(solids, contacts, hardware)[0], built, solids
         )
-    joints = _hold_rods(joints, [*joints, *planes], solids, doubts)
+    joints = _hold_rods(joints, [*planes], solids, doubts)
     joints = _add_planes(
         joints, sorted(planes, key=planes.__getitem__), contacts, solids, doubts
     )
@@ -289,37 +289,45 @@ def find_joints(
 
 def _hold_rods(
     joints: list[Freedom],
-    touching: Sequence[Freedom],
+    planes: Sequence[Freedom],
     solids: Sequence[Instance],
     doubts: list[Doubt],
 ) -> list[Freedom]:
     """Fix rods that slide in all their bores, so that nothing holds them, in the tightest of these.
 
-    Of equal fits those at the rod's ends hold it. A rod in one bore is a slide.
+    Of equal fits those at the rod's ends hold it. A rod in one bore is a slide. A rod that all its
+    bores would hold is held by parts that are joined without it, and the others move on it: pressed
+    into all of them, it would be no joint where it is the only one.
     """
     own = defaultdict[int, list[Freedom]](list)
-    for joint in touching:
+    for joint in [*joints, *planes]:
         for end in joint.ends:
             own[end].append(joint)
+    rods = {rod: around for rod, around in own.items() if _is_bare_rod(rod, around)}
+    fixed = [joint for joint in joints if joint.kind == "fixed"]
+    laid = [plane for plane in planes if not _is_turned_on(plane, rods)]
+    bodies = _join(range(len(solids)), [*fixed, *laid])
     held = set[Freedom]()
-    for rod, around in own.items():
-        if len(around) < 2 or not all(_is_bare_fit(each, rod) for each in around):
-            continue
-        axes = [each.contacts[0] for each in around]
-        first = axes[0]
-        if any(np.linalg.norm(np.cross(first.axis, c.axis)) > _SAME for c in axes):
-            continue
+    for rod, around in rods.items():
         clearance = {each: _clearance(each) for each in around}
         least = min(clearance.values())
         tight = [each for each in around if clearance[each] <= least + _ALIKE]
         ends = [each for each in tight if _is_at_end(each, rod, solids)]
         if len(tight) == len(around) and ends:
             tight = ends
+        others = list[str]()
+        if len(tight) == len(around):
+            tight = _choose_seats(rod, around, bodies)
+            rest = [_other_end(joint, rod) for joint in around if joint not in tight]
+            others = [solids[n].name for n in rest]
         held |= {*tight}
-        names = [solids[joint.first + joint.second - rod].name for joint in tight]
+        names = [solids[_other_end(joint, rod)].name for joint in tight]
         text = "a rod that nothing else holds: taken as a press fit in "
         text += f"{' and '.join(names)}; if it slides, say --joint "
         text += f'"{solids[rod].name}/{names[0]}=cylindrical"'
+        if others:
+            text += f"; if it is pressed into {' and '.join(others)}, too, say --joint "
+            text += f'"{solids[rod].name}/{others[0]}=fixed"'
         doubts.append(Doubt((solids[rod].name,), text, tuple(tight[0].at)))
     return [
         replace(_fix(joint), reason=f"{joint.reason}, press fit")
@@ -327,6 +335,45 @@ def _hold_rods(
         else joint
         for joint in joints
     ]
+
+
+def _choose_seats(
+    rod: int, around: Sequence[Freedom], bodies: DisjointSet
+) -> list[Freedom]:
+    """Return the bores that hold a rod among equal ones: most, then longest, in one body."""
+    seats = defaultdict[int, list[Freedom]](list)
+    for joint in around:
+        seats[bodies[_other_end(joint, rod)]].append(joint)
+
+    def grip(own: Sequence[Freedom]) -> tuple[int, float]:
+        lengths = [contact.size for joint in own for contact in joint.contacts]
+        return len(own), sum(lengths)
+
+    return max(seats.values(), key=grip)
+
+
+def _is_turned_on(plane: Freedom, rods: Mapping[int, Sequence[Freedom]]) -> bool:
+    """Return whether a plane lies across a rod in both its parts, which turn about the rod on it."""
+    for rod, around in rods.items():
+        parts = {_other_end(joint, rod) for joint in around}
+        axis = around[0].contacts[0].axis
+        tilts = [np.linalg.norm(np.cross(axis, c.axis)) for c in plane.contacts]
+        if parts >= {*plane.ends} and all(tilt <= _SAME for tilt in tilts):
+            return True
+    return False
+
+
+def _other_end(joint: Freedom, part: int) -> int:
+    """Return the part that a joint connects with a part."""
+    return joint.first + joint.second - part
+
+
+def _is_bare_rod(rod: int, around: Sequence[Freedom]) -> bool:
+    """Return whether all joints of a part are those of a rod in parallel bores of several parts."""
+    if len(around) < 2 or not all(_is_bare_fit(joint, rod) for joint in around):
+        return False
+    axes = [joint.contacts[0].axis for joint in around]
+    return all(np.linalg.norm(np.cross(axes[0], axis)) <= _SAME for axis in axes)
 
 
 def _is_bare_fit(joint: Freedom, rod: int) -> bool:

@@ -801,6 +801,30 @@ def test_a_rod_in_end_blocks_is_held_by_them_and_bends_between_its_joints(
     assert areas == pytest.approx([1e-6 * each for each in expected], rel=1e-9)
 
 
+@pytest.mark.parametrize("length", [30, 36])
+def test_a_rod_that_alone_joins_two_parts_stays_their_joint(length):
+    """It ends in the bores or stands out of them; the longer bore holds it."""
+    bore = assemblies.at(assemblies.rod(5, 40), (0, 0, -5))
+    made = assemblies.Made()
+    made.add("base", b.Box(80, 40, 20, align=assemblies.LOW) - bore)
+    arm = assemblies.at(b.Box(100, 20, 10, align=assemblies.LOW), (35, 0, 20))
+    made.add("arm", arm - bore)
+    low = 15 - length / 2
+    made.add("rod", assemblies.at(assemblies.rod(5, length), (0, 0, low)))
+    solids = [shape.solid() for shape in made.solids.values()]
+    for name, solid in zip(made.solids, solids, strict=True):
+        solid.label = name
+    whole = b.Compound(label="hinge", children=solids)
+    instances, _ = read_built(whole, "hinge", [])
+    contacts = find_contacts(instances)
+    hardware = find_hardware(instances, contacts, {2: "part"})
+    joints, doubts = find_joints(instances, contacts, hardware)
+    kinds = {joint.ends: joint.kind for joint in joints}
+    assert kinds == {(0, 2): "fixed", (1, 2): "cylindrical"}
+    told = next(doubt.text for doubt in doubts if "press fit in base;" in doubt.text)
+    assert told.endswith('if it is pressed into arm, too, say --joint "rod/arm=fixed"')
+
+
 def test_the_halves_of_a_split_bearing_act_on_their_own_sides_of_a_rod():
     """The seam of the rod's face may part one of them once more; their borders touch."""
     rod = b.Rot(90, 0, 0) * b.Cylinder(5, 280)
