@@ -353,7 +353,8 @@ def _at_pairs(sensors: Sequence[str]) -> tuple[str, ...]:
 
 def _bend_drives(machine: Machine, place: str, parameters: Parameters) -> Machine:
     """Give drives one stiffness up to a load and another beyond it."""
-    load, factor = name_parameters(parameters, "load", "factor")
+    load = parameters["load"]
+    factor = parameters.get("factor", 1.0)
     start = parameters.get("start", 1.0)
     slots: list[Slot] = []
     for name, joint in _drives(machine, place).items():

@@ -8,7 +8,12 @@ import pytest
 
 from stiffscope.gap.campaign.quantities import DEVIATION
 from stiffscope.gap.campaign.readings import load_campaign
-from stiffscope.gap.campaign.sanity import _find_jump, find_doubts, inspect_readings
+from stiffscope.gap.campaign.sanity import (
+    _find_jump,
+    _stand_apart,
+    find_doubts,
+    inspect_readings,
+)
 from stiffscope.gap.campaigns import (
     Case,
     configure_case,
@@ -143,6 +148,15 @@ def test_the_end_of_a_long_tail_is_no_outlier():
     """Of sound readings, where a fault depends on the pose: one stands 8.0 times the spread out, the next 7.5 times."""
     case = open_case(WITHHELD / "campaign-005")
     assert inspect_readings(case.campaign, predict_roughly(case)) == ()
+
+
+def test_what_smaller_readings_lead_up_to_does_not_stand_apart():
+    """A tail of 20, 15, 11 and 8 times the spread is one of the robot; 20 and 15 beside at most 8 are two outliers."""
+    usual = [1.0, 3.0, 6.0, 8.0]
+    tail = np.array([*usual, 11.0, 15.0, 20.0])
+    alone = np.array([*usual, 15.0, 20.0])
+    assert not _stand_apart(tail, tail > 8.0).any()
+    assert (_stand_apart(alone, alone > 8.0) == (alone > 8.0)).all()
 
 
 def test_a_copied_channel_is_named(labs, tmp_path):

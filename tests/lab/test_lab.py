@@ -504,6 +504,8 @@ def test_nonlinear_drives():
     assert hard[0] == pytest.approx(-hard[2])
     stuck = seen(inject(SOUND, "friction", "stage", {"force": 60.0}), plan)[0][0, :, 1]
     assert linear - stuck == pytest.approx(np.array([-60, 50, 60]) / DRIVE, rel=1e-6)
+    alike = seen(inject(SOUND, "preload-loss", "stage", {"load": 60.0}), plan)[0]
+    assert alike[0, :, 1] == pytest.approx(linear, rel=1e-9)
 
 
 @pytest.mark.parametrize("law", ["one-sided", "stiffening", "hardening", "friction"])

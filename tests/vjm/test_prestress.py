@@ -10,12 +10,16 @@ from stiffscope.cli.main import _guarded
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
+from stiffscope.vjm.kinematics.configurations import configure
 from stiffscope.vjm.model.bodies import Body, member
 from stiffscope.vjm.model.dynamics import Dynamics
 from stiffscope.vjm.model.joints import Drive, Joint
 from stiffscope.vjm.model.mechanism import Change, Mechanism, Tool
 from stiffscope.vjm.model.screws import rotation
+from stiffscope.vjm.network.network import END, place_nodes
+from stiffscope.vjm.network.order import find_order
 from stiffscope.vjm.statics.analysis import analyse, sag, stiffness
+from stiffscope.vjm.statics.prestress import bend_network
 from stiffscope.vjm.statics.slender import find_thrusts
 from tests.robots import (
     GEOMETRY,
@@ -521,3 +525,27 @@ def test_thrust_of_short_bodies_is_far_from_buckling_them():
     found = find_thrusts(machine, machine.tool.home[None])
     assert {"limb1.link1", "limb2.link3"} <= set(found)
     assert max(share for _, share in found.values()) < 2e-3
+
+
+def test_what_runs_away_is_given_up_and_leaves_the_others():
+    """Of loads of 20 N and of up to 1e60 N at an arm, the small one has an equilibrium, as it has alone."""
+    m = serial_arm()
+    poses = np.array([[0.85, 0.1, 1.1, 0.1, 0.05, -0.1]] * 4)
+    force = np.zeros((4, 6, 1))
+    force[:, 2, 0] = [1e60, 20.0, 1e6, 1e8]
+
+    def bend(chosen):
+        at = configure(m, poses[chosen])
+        order = find_order(m, at.linkage)
+        loads = force[chosen]
+        return bend_network(
+            order, place_nodes(at), push=lambda _, some: {END: loads[some]}
+        )
+
+    together = bend([0, 1, 2, 3])
+    alone = bend([1])
+    assert together.found.tolist() == [False, True, False, False]
+    assert alone.found.all()
+    for node, position in alone.there.position.items():
+        there = together.there.position[node]
+        assert there[1 % len(there)] == pytest.approx(position[0], rel=1e-12)

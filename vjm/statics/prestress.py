@@ -56,6 +56,7 @@ _SMALL = (
     1e-4  # rad or relative length: displacement beyond which equilibrium is refined
 )
 _SETTLED = 1e-7
+_LOST = 10.0  # rad or relative length: step beyond which an equilibrium is given up
 _STEPS = 12
 _STILL = np.zeros((1, 6, 6))  # six cases with the tool at rest
 _NONE = np.zeros((1, 1, 1))
@@ -130,23 +131,33 @@ def bend_network(
     there = bend_places(where, moved)
     size = _find_size(moved, order.length)
     far = size > small
-    if far.any():
-        rest = where.some(far)
-        bent = there.some(far)
-        left = size[far]
-        for _ in range(_STEPS):
-            lack = find_remaining_offsets(order, bent, rest)
-            remaining = Loads(1, push(bent, far), lack, balanced=HELD)
-            step = solve_loads(order, bent, remaining, "nodes")
-            bent = bend_places(bent, step)
-            last = left
-            left = _find_size(step, order.length)
-            if not (
-                left * np.minimum(left / last, 1.0) > _SETTLED
-            ).any():  # next step, estimated
-                break
-        size[far] = left
-        there = bent if far.all() else there.replace_some(far, bent)
+    going = far & ~(size > _LOST)
+    rest = where.some(going)
+    bent = there.some(going)
+    left = size[going]
+    for _ in range(_STEPS):
+        if not going.any():
+            break
+        lack = find_remaining_offsets(order, bent, rest)
+        remaining = Loads(1, push(bent, going), lack, balanced=HELD)
+        step = solve_loads(order, bent, remaining, "nodes")
+        bent = bend_places(bent, step)
+        last = left
+        left = _find_size(step, order.length)
+        size[going] = left
+        # what runs away has no equilibrium, and its numbers would overflow
+        stays = ~(left > _LOST)
+        if not stays.all():
+            going[going] = stays
+            rest = rest.some(stays)
+            bent = bent.some(stays)
+            left = left[stays]
+            last = last[stays]
+        # the next step, estimated
+        if not (left * np.minimum(left / last, 1.0) > _SETTLED).any():
+            break
+    if going.any():
+        there = bent if going.all() else there.replace_some(going, bent)
     return Bent(
         there, np.broadcast_to(moved.twist[..., 0], (n, 6)), ~(size > _SMALL) | ~far
     )

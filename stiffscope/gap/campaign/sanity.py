@@ -471,13 +471,24 @@ def _name_outliers(
         c.relative[rows], np.abs(c.value[rows]), 1.0
     )
     size = np.abs(left)
-    usual: Flags = size <= _JUMP * np.maximum(_spread(left), sigma)
-    far = ~usual & (
-        size > _APART * size[usual].max(initial=0.0)
-    )  # robot faults have long tails
+    far = _stand_apart(size, size > _JUMP * np.maximum(_spread(left), sigma))
     if not 0 < far.sum() <= max(1, _RARE * len(rows)) or len(rows) < 3 * LEAST:
         return
     yield _name_rows(c, name, rows[np.flatnonzero(far)[np.argsort(-np.abs(left[far]))]])
+
+
+def _stand_apart(size: Array, far: Flags) -> Flags:
+    """Return which far ones of sizes (r,) no smaller one leads up to.
+
+    A robot's fault that depends on pose or load, such as friction, has a long tail, which
+    fades into the usual readings; what is misread stands apart from all others.
+    """
+    while far.any():
+        apart = far & (size > _APART * size[~far].max(initial=0.0))
+        if (apart == far).all():
+            break
+        far = apart
+    return far
 
 
 def _name_rows(c: Campaign, name: str, rows: Indices) -> ReadingRemark:

@@ -36,7 +36,8 @@ _ALIKE = (
 _SAME = 1e-4  # relative residual of a signature fitted by an equivalent one
 _IMITATORS = 3  # most known effects that together may mimic an outside one
 _TWINS = 2  # most other effects in the named group of a true one
-_KEPT = {"mass", "row"}  # fixed in signatures: payload mass, row of a slip
+_IDLE = {"load", "row"}  # change nothing alone: load of a knee, row of a slip
+_KEPT = {"mass", *_IDLE}  # fixed in signatures, as is the mass of a payload
 
 
 class Judge:
@@ -83,7 +84,7 @@ class Judge:
             each = [
                 replace(fault, parameters=kept | {n: given[n]})
                 for n in given
-                if n != "row"
+                if n not in _IDLE
             ]
             self._spans[fault.name] = np.stack(
                 list(map(self._signature, each or [fault])), axis=1
