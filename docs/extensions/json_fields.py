@@ -450,7 +450,7 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "--components",
             "beam",
             "--set",
-            "joints.J1.drive.stiffness=5e4",
+            "joints.J1.drive.stiffness=50 kN*m/rad",
         ],
         {
             "robots": ("names of the two robots", ""),
@@ -1006,19 +1006,19 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
                 "what `parameters` summarize: small errors, largest first; mass and place where moments show",
                 "`unit`; angles as arc length at 1 m",
             ),
-            "drives.*.stated": (
+            "drives.*.stated?": (
                 "stiffness of each drive in the robot file",
                 "N/m, N·m/rad",
             ),
-            "drives.*.value": (
+            "drives.*.value?": (
                 "resulting stiffness with everything that was found, set and member multiplied out",
                 "N/m, N·m/rad",
             ),
-            "drives.*.sigma": (
+            "drives.*.sigma?": (
                 "its standard uncertainty; null if the drive is not seen",
                 "N/m, N·m/rad",
             ),
-            "drives.*.seen": ("whether the readings show the drive", ""),
+            "drives.*.seen?": ("whether the readings show the drive", ""),
             "beside": (
                 "uncertain effects fitted together with the others, as in `effects`; `unknown`: unmodelled",
                 "",
