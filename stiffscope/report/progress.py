@@ -60,7 +60,7 @@ def _write_lines() -> Reporter:
         def report(stage: str, fraction: float) -> None:
             nonlocal due
             now = time.monotonic()
-            if now < due:
+            if now < due or fraction >= 1.0:
                 return
             due = now + PERIOD
             share = f"{100.0 * min(max(fraction, 0.0), 1.0):.0f} %"
