@@ -80,6 +80,7 @@ def test_all_harmonics_of_constant_coefficients_are_the_zero_order_solution():
     ("depth", "size"), [(0.2e-3, 0.8192), (0.5e-3, 1.0726), (1e-3, 1.4039)]
 )
 def test_multipliers_of_a_slot_are_as_published(depth, size):
+    # an independent semi-discretization gives 0.8193, 1.0729 and 1.4044; the machine is that of
     # Y. Ding, L. Zhu, X. Zhang, H. Ding, A full-discretization method for prediction of milling
     # stability, Int. J. Mach. Tools Manuf. 50, 2010: one mode of 922 Hz, 1.1 %, 0.03993 kg; two
     # teeth, 6e8 and 2e8 N/m², 5000 rpm, moduli of the largest multiplier
