@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from stiffscope.gap.effects.effect import Candidate
+    from stiffscope.gap.forward.slopes import Step
     from stiffscope.runtime.types import Array
 
 _STEP = 1e-4  # finite-difference step relative to a parameter's prior size
@@ -104,20 +105,7 @@ class RobotPrediction(RobotReadings):
         return {}
 
     def _derivatives(self, candidate: Candidate) -> Array:
-        act: Callable[[Array], Influence] = candidate.action.influence
-        key = candidate.name, len(candidate.scale)
-        known = (
-            values for c, values in self.parameters if (c.name, len(values)) == key
-        )
-        here = np.array(next(known, np.zeros(key[1])))
-        steps = _STEP * np.diag(candidate.scale)
-        here = here + 2.0 * (
-            steps @ np.array(candidate.one_sided, dtype=float)
-        )  # within range
-        pairs = [
-            (act(here + step), act(here - step), 2.0 * step.sum()) for step in steps
-        ]
-        return find_slopes(self, pairs)
+        return find_slopes(self, find_steps(self, candidate))
 
     def step(self, candidate: Candidate) -> Array:
         """Return the change (n,) by a candidate without parameters: weight, unit or sign."""
@@ -136,3 +124,18 @@ class RobotPrediction(RobotReadings):
             )
             return swapped.values - self.values
         return self.projection.without(change[:, None])[:, 0]
+
+
+def find_steps(prediction: RobotPrediction, candidate: Candidate) -> list[Step]:
+    """Return, for each internal parameter of a candidate, its changes ahead and behind, and their distance."""
+    act: Callable[[Array], Influence] = candidate.action.influence
+    key = candidate.name, len(candidate.scale)
+    known = (
+        values for c, values in prediction.parameters if (c.name, len(values)) == key
+    )
+    here = np.array(next(known, np.zeros(key[1])))
+    steps = _STEP * np.diag(candidate.scale)
+    here = here + 2.0 * (
+        steps @ np.array(candidate.one_sided, dtype=float)
+    )  # within range
+    return [(act(here + step), act(here - step), 2.0 * step.sum()) for step in steps]

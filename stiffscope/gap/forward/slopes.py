@@ -104,7 +104,7 @@ def _of_elements(prediction: RobotReadings, steps: Sequence[Step]) -> Array:
     out = np.zeros((len(c), len(steps)))
     still = np.where(c.shows_rest, 1.0, 0.0)[:, None]
     for name in dict.fromkeys(name for ahead, _, _ in steps for name in ahead.elements):
-        mine, rates = _find_rates(steps, name, "spring")
+        mine, rates = find_rates(steps, name, "spring")
         if len(mine):
             read_along, moved = prediction.find_motions(name)
             away = prediction.at.find_displacement(name)[c.pose]
@@ -113,17 +113,17 @@ def _of_elements(prediction: RobotReadings, steps: Sequence[Step]) -> Array:
             )
             continue
         read, applied = prediction.find_wrenches(name)
-        mine, rates = _find_rates(steps, name, "compliance")
+        mine, rates = find_rates(steps, name, "compliance")
         if len(mine):
             applied = _relieve(prediction, name, applied)
             work = (read[:, :, None] * applied[:, None, :]).reshape(len(c), -1)
             out[:, mine] += work @ rates.reshape(len(mine), -1).T
-        mine, rates = _find_rates(steps, name, "offset")
+        mine, rates = find_rates(steps, name, "offset")
         if len(mine):
             out[:, mine] += still * read @ rates.T
             if name == TOOL:
                 out[:, mine] += _of_shifted_tool(prediction, rates)
-        mine, rates = _find_rates(steps, name, "astray")
+        mine, rates = find_rates(steps, name, "astray")
         if len(mine):
             turned = read[:, None] @ _turn_about(prediction, name)[c.pose]
             out[:, mine] += still * turned[:, 0] @ rates.T
@@ -159,7 +159,7 @@ def _of_shifted_tool(prediction: RobotReadings, shifts: Array) -> Array:
     return out
 
 
-def _find_rates(steps: Sequence[Step], name: str, field: str) -> tuple[Indices, Array]:
+def find_rates(steps: Sequence[Step], name: str, field: str) -> tuple[Indices, Array]:
     """Return the parameters (m,) that change a field of an element, and derivatives (m, ...)."""
     rates: dict[int, Array] = {}
     for k, (ahead, behind, width) in enumerate(steps):

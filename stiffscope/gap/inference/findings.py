@@ -424,7 +424,10 @@ def search_once(model: ForwardModel, progress: Progress | None = None) -> Findin
     """Search for the sets of effects and nuisance patterns that explain a model's campaign."""
     problem = Problem(model, _without_copies(model.campaign, model.noise()))
     distinct: dict[frozenset[str], Hypothesis] = {}
-    hypotheses = Search(problem, progress).hypotheses()
+    seeds = ()
+    if model.coarse is not None:
+        seeds = search_once(model.coarse, progress).hypotheses
+    hypotheses = Search(problem, progress, seeds).hypotheses()
     for hypothesis in hypotheses:  # the best fit of every set
         distinct.setdefault(hypothesis.names, hypothesis)
     fitted = {forms_of(h.candidates): h for h in hypotheses if h.converged}
@@ -476,6 +479,7 @@ def _yield_to_plausible(
 def _without_copies(c: Campaign, noise: Noise) -> Noise:
     """Return the noise with duplicated readings excluded."""
     once, remark = find_copies(c)
+    once |= c.in_blocks
     if not remark:
         return noise
     return replace(noise, used=noise.used & once, remarks=(*noise.remarks, remark))

@@ -46,6 +46,8 @@ SKETCHED = 4  # and sets that are fitted
 ROUNDS = 3  # of exchanging and growing
 RIVALS = 3  # best sets in which effects are exchanged,
 CLOSE = 3.0  # within this ln-odds of the best
+SEEDED = 30  # hypotheses of a coarser model from which a search starts,
+SEEDED_SINGLE = 10  # and of single effects
 GAIN = 1.0  # least ln-odds gained by another effect to continue
 _Set = TypeVar("_Set", "Start", Hypothesis)
 
@@ -71,6 +73,8 @@ class Search:
 
     problem: Problem
     progress: Progress | None = None
+    seeds: Sequence[Hypothesis] = ()
+    """Hypotheses of a coarser model, the best first, from which the search starts."""
 
     def hypotheses(self) -> list[Hypothesis]:
         """Return fitted hypotheses, the best first: none, single effects, and larger sets."""
@@ -86,7 +90,12 @@ class Search:
             Start(each, np.zeros(count), np.zeros(count)) for each, count in counts
         ]
         fit(tried, base, "effects", len(tried))
-        self._grow([none], fitted)
+        seeds = self._find_seeds()
+        if seeds:
+            grown = fit(seeds, base, "effects on lines", len(seeds))
+            self._grow([none, *grown[:BEAM_WIDTH]], fitted)
+        else:
+            self._grow([none], fitted)
         fixed: tuple[
             Candidate, ...
         ] = ()  # what has no parameters changes the derivatives of all others
@@ -123,6 +132,13 @@ class Search:
                 break
             self._grow(exchanged[:1], fitted)
         return _sort(found.values())
+
+    def _find_seeds(self) -> list[Start]:
+        """Return the best hypotheses of the coarser model, and its best single effects."""
+        some = [h for h in self.seeds if h.names]
+        single = [h for h in some if len(h.candidates) == 1]
+        chosen = {id(h): h for h in (*some[:SEEDED], *single[:SEEDED_SINGLE])}
+        return [Start(h.candidates, h.values, h.values) for h in chosen.values()]
 
     def _sketches(self, core: tuple[Candidate, ...]) -> Iterable[list[Start]]:
         """Yield the best first-order sets with more simple effects, two or more, while they gain.
