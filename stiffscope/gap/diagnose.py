@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.gap.campaign.response_lines import place_at_responses
 from stiffscope.gap.drive_table import list_drives
 from stiffscope.gap.forward.column_model import ColumnModel
-from stiffscope.gap.campaign.response_lines import place_at_responses
 from stiffscope.gap.forward.joint_model import JointModel
 from stiffscope.gap.forward.misread_frames import find_misread
 from stiffscope.gap.forward.robot_at_poses import RobotAtPoses

@@ -47,7 +47,7 @@ class LineSettings:
         Ratio below which lines are not spaced closer.
     """
 
-    spread: float = 0.3
+    spread: float = 0.5
     wide: float = 0.7
     floor: float = 0.01
     reach: float = 3.0
@@ -92,7 +92,8 @@ class ResponseBlock:
         """Return readings (r, m, ...) of lines (r, f, ...)."""
         if self.mean is None:
             return lines
-        return np.einsum("mf,rf...->rm...", self.mean, lines, optimize=True)
+        means = self.mean @ lines.reshape(*lines.shape[:2], -1)
+        return means.reshape(len(lines), -1, *lines.shape[2:])
 
     @cached_property
     def weight(self) -> Array:
@@ -149,9 +150,7 @@ def _find_lines(
     del width
     responses = measured.responses
     hertz = responses[0].frequency
-    peaks = [hertz[find_resonances(response)] for response in responses]
-    known = np.unique(np.concatenate(peaks)) if peaks else np.zeros(0)
-    lines = _thin(hertz, known, damping, settings.spread)
+    lines = _thin(hertz, hertz[_find_peaks(responses)], damping, settings.spread)
     value = np.array([response.receptance[lines] for response in responses])
     return ResponseBlock(
         measured=measured,
@@ -193,6 +192,20 @@ def _find_means(
         sigma=np.hypot(noise, settings.floor * size),
         damping=damping,
     )
+
+
+def _find_peaks(responses: Sequence[Response]) -> Indices:
+    """Return the lines with a resonance in the rms level of all responses."""
+    levels = [
+        np.abs(response.receptance) / np.median(np.abs(response.receptance))
+        for response in responses
+        if response.receptance.any()
+    ]
+    if not levels:
+        return np.zeros(0, dtype=np.int64)
+    size = np.sqrt(np.mean(np.square(levels), axis=0))
+    whole = replace(responses[0], receptance=size.astype(complex), coherence=None)
+    return find_resonances(whole)
 
 
 def _thin(hertz: Array, peaks: Array, damping: float, spread: float) -> Indices:

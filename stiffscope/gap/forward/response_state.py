@@ -49,8 +49,8 @@ class NuisanceSettings:
 
     Attributes
     ----------
-    gain, phase
-        Of every response: relative, and rad.
+    gain
+        Of the gain of every response, relative, and of its phase, rad.
     turn
         Of every direction of force or motion, rad.
     damping
@@ -68,12 +68,9 @@ class NuisanceSettings:
     static
         Frequency of modes over the highest line from which inertial loads are left out of
         derivatives.
-    certain
-        Singular value above which a nuisance's prior is negligible.
     """
 
     gain: float = 0.015
-    phase: float = 0.015
     turn: float = 0.015
     damping: float = 1.0
     rounds: int = 3
@@ -83,10 +80,63 @@ class NuisanceSettings:
     most: float = 0.3
     beside: float = 1.15
     static: float = 4.0
-    certain: float = 1e5
 
 
 SETTINGS = NuisanceSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class _Nuisance:
+    """What damping and the channels can follow, over the noise, in prior standard deviations.
+
+    Attributes
+    ----------
+    gain
+        Lines (r, m) times the prior of their gain, and of their phase, which is the same.
+    columns
+        Derivatives (n, q) by all others, as gains leave them.
+    squares, vectors
+        Eigenvalues (q,) and vectors (q, q) of their gram.
+    """
+
+    gain: Complex
+    columns: Array
+    squares: Array
+    vectors: Array
+
+    @classmethod
+    def find(cls, gain: Complex, columns: Complex) -> _Nuisance:
+        """Return the nuisances of gains (r, m) and other derivatives (r, m, q)."""
+        left = stack_parts(_leave_gain(gain, columns))
+        squares, vectors = np.linalg.eigh(left.T @ left)
+        return cls(gain, left, squares.clip(min=0.0), vectors)
+
+    def solve(self, change: Complex) -> Array:
+        """Return the nuisances (q,) besides gains that fit a change (r, m) best."""
+        left = stack_parts(_leave_gain(self.gain, change))
+        inner = self.vectors.T @ (self.columns.T @ left)
+        return self.vectors @ (inner / (self.squares + 1.0))
+
+    def leave(self, change: Complex) -> Array:
+        """Return what is left (n, ...) of changes (r, m, ...)."""
+        left = stack_parts(_leave_gain(self.gain, change))
+        inner = self.vectors.T @ (self.columns.T @ left)
+        part = _take_share(self.squares).reshape(-1, *(1,) * (left.ndim - 1))
+        return left - self.columns @ (self.vectors @ (part * inner))
+
+
+def _take_share(squares: Array) -> Array:
+    """Return ``(1 - 1/√(1 + s²)) / s²`` of eigenvalues s²: what a nuisance follows, over s²."""
+    root = np.sqrt(1.0 + squares)
+    return 1.0 / (root * (root + 1.0))
+
+
+def _leave_gain(gain: Complex, change: Complex) -> Complex:
+    """Return changes (r, m, ...) without what gain and phase of each response can follow."""
+    part = _take_share(np.sum(np.abs(gain) ** 2, axis=1))
+    flat = change.reshape(*gain.shape, -1)
+    follow = part[:, None, None] * (gain.conj()[:, None] @ flat)
+    return (flat - gain[..., None] * follow).reshape(change.shape)
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,31 +270,27 @@ class ResponseState:
         )
 
     @cached_property
-    def _fitted(self) -> tuple[Array, Complex, Complex, tuple[Array, Array, Array]]:
-        """Damping ratios (c,), mobility of modes g (c, f), lines (r, f), and nuisances."""
+    def _fitted(self) -> tuple[Array, Complex, Complex, _Nuisance]:
+        """Damping ratios (c,), flexibilities g (c, f), lines (r, f), and nuisances."""
         ratios = np.full(len(self.modal.mass), self.block.damping)
         limits = self.settings
-        for _ in range(limits.rounds):
+        flexibility = self._respond(ratios)
+        lines = self._superpose(flexibility)
+        nuisance = self._find_nuisance(ratios, flexibility, lines)
+        d = len(self._damped)
+        for _ in range(limits.rounds if d else 0):
+            left = (self.block.value - self.block.read(lines)) * self.block.weight
+            change = nuisance.solve(left)[:d] * limits.damping
+            change = np.clip(change, -limits.step, limits.step)
+            ratios = ratios.copy()
+            now = ratios[self._damped] * np.exp(change)
+            ratios[self._damped] = np.clip(now, limits.least, limits.most)
             flexibility = self._respond(ratios)
             lines = self._superpose(flexibility)
             nuisance = self._find_nuisance(ratios, flexibility, lines)
-            if not len(self._damped):
-                break
-            change = self._solve_nuisance(lines, nuisance)[: len(self._damped)]
-            change = np.clip(change, -limits.step, limits.step)
-            now = ratios[self._damped] * np.exp(change)
-            ratios = ratios.copy()
-            ratios[self._damped] = np.clip(now, limits.least, limits.most)
             if np.abs(change).max() < limits.settled:
                 break
-        flexibility = self._respond(ratios)
-        lines = self._superpose(flexibility)
-        return (
-            ratios,
-            flexibility,
-            lines,
-            self._find_nuisance(ratios, flexibility, lines),
-        )
+        return ratios, flexibility, lines, nuisance
 
     @property
     def damping(self) -> Array:
@@ -270,58 +316,36 @@ class ResponseState:
 
     def _find_nuisance(
         self, ratios: Array, flexibility: Complex, lines: Complex
-    ) -> tuple[Array, Array, Array]:
-        """Return weighted nuisance columns (n, q), and eigenvalues and vectors of their gram."""
+    ) -> _Nuisance:
+        """Return the nuisances about predicted lines (r, f): damping first, then directions."""
         force, motion = self.pairs.T
         d = self._damped
+        r, f = lines.shape
         part = self.ports[force][:, d] * self.ports[motion][:, d]
         size = 2.0 * ratios[d] * np.sqrt(self.modal.stiffness[d] * self.modal.mass[d])
         slope = -(size[:, None] * self.s) * flexibility[d] ** 2
-        damping = np.einsum("rd,df,rf->rfd", part, slope, self.window, optimize=True)
+        damping = part[:, None] * slope.T * self.window[..., None]
         columns = [self.settings.damping * damping]
-        r = len(lines)
-        gains = np.zeros((r, lines.shape[1], 2 * r), dtype=complex)
         rows = np.arange(r)
-        gains[rows, :, rows] = self.settings.gain * lines
-        gains[rows, :, r + rows] = 1j * self.settings.phase * lines
-        columns.append(gains)
         for side, other in ((force, motion), (motion, force)):
+            known, which = np.unique(side, return_inverse=True)
             for crossing in self._crossing:
                 turned = (crossing[side] * self.ports[other]) @ flexibility
-                turned = self.settings.turn * turned * self.window
-                known, which = np.unique(side, return_inverse=True)
-                apart = np.zeros((*turned.shape, len(known)), dtype=complex)
-                apart[rows, :, which] = turned
+                apart = np.zeros((r, f, len(known)), dtype=complex)
+                apart[rows, :, which] = self.settings.turn * turned * self.window
                 columns.append(apart)
-        read = self.block.read(np.concatenate(columns, axis=2))
-        whole = stack_parts(read * self.block.weight[..., None])
-        values, vectors = np.linalg.eigh(whole.T @ whole)
-        return whole, values.clip(min=0.0), vectors
-
-    def _solve_nuisance(
-        self, lines: Complex, nuisance: tuple[Array, Array, Array]
-    ) -> Array:
-        """Return the change (q,) of nuisances, in prior standard deviations."""
-        whole, values, vectors = nuisance
-        left = stack_parts(
-            (self.block.value - self.block.read(lines)) * self.block.weight
+        weight = self.block.weight
+        return _Nuisance.find(
+            self.settings.gain * self.block.read(lines) * weight,
+            self.block.read(np.concatenate(columns, axis=2)) * weight[..., None],
         )
-        return vectors @ ((vectors.T @ (whole.T @ left)) / (values + 1.0))
 
-    def share(self, change: Array) -> Array:
-        """Return the share of weighted changes (n, ...) that nuisances follow.
+    def share(self, change: Complex) -> Array:
+        """Return weighted changes (r, m, ...) as readings (n, ...), without what nuisances follow.
 
-        Without it, squares are those of errors with the nuisances marginalized.
+        Their squares are those of errors with the nuisances marginalized.
         """
-        whole, values, vectors = self._fitted[3]
-        size = np.sqrt(values)
-        left = np.where(size < self.settings.certain, 1.0 / np.sqrt(1.0 + values), 0.0)
-        factor = (1.0 - left) / np.where(values > 1e-12, values, 1.0)
-        factor = np.where(values > 1e-12, factor, 0.5)
-        inner = vectors.T @ (whole.T @ change)
-        return whole @ (
-            vectors @ (factor.reshape(-1, *(1,) * (change.ndim - 1)) * inner)
-        )
+        return self._fitted[3].leave(change)
 
     @cached_property
     def _spread(self) -> Array:
@@ -332,15 +356,13 @@ class ResponseState:
     def values(self) -> Array:
         """Predicted readings (n,), with the nuisances that fit best."""
         block = self.block
-        out = stack_parts(block.read(self.lines))
-        left = (stack_parts(block.value) - out) / self._spread
-        return out + self._spread * self.share(left)
+        left = (block.value - block.read(self.lines)) * block.weight
+        return stack_parts(block.value) - self._spread * self.share(left)
 
-    def _without(self, columns: Complex) -> Array:
-        """Return derivatives of readings (n, k) of those of lines (r, f, k), without nuisances."""
-        shown = columns * self.window[..., None]
-        out = stack_parts(self.block.read(shown)) / self._spread[:, None]
-        return (out - self.share(out)) * self._spread[:, None]
+    def derive(self, columns: Complex) -> Array:
+        """Return derivatives of the readings (n, k) of those of lines (r, f, k)."""
+        shown = self.block.read(columns * self.window[..., None])
+        return self._spread[:, None] * self.share(shown * self.block.weight[..., None])
 
     @property
     def flexibility(self) -> Complex:
@@ -386,11 +408,9 @@ class ResponseState:
         part = (inertial[:, None] * self.ports[:, moving]).reshape(m * p, -1)
         out += (part @ loads).reshape(m, p, -1)
         for k, spring in enumerate(self.springs):
-            pull = np.einsum(
-                "ij,jpf->ipf", spring.stiffness, self.move(spring.node, spring.at)
-            )
-            held = static[:, p + 6 * k : p + 6 * k + 6]
-            out -= np.einsum("mi,ipf->mpf", held, pull)
+            held = static[:, p + 6 * k : p + 6 * k + 6] @ spring.stiffness
+            moved = self.move(spring.node, spring.at)
+            out -= (held @ moved.reshape(6, -1)).reshape(out.shape)
         return out
 
     def find_wrench(self, name: str) -> Complex:
@@ -411,11 +431,15 @@ class ResponseState:
     def _pair(self, acts: Complex, rates: Array) -> Complex:
         """Return ``a_i · D b_j`` (r, f, k) of what acts (m, p, f) for matrices D (k, m, m)."""
         force, motion = self.pairs.T
-        m, _, f = acts.shape
-        k = len(rates)
-        turned = rates.reshape(k * m, m) @ acts.reshape(m, -1)
-        turned = turned.reshape(k, m, -1, f)[:, :, force]
-        return np.einsum("mrf,kmrf->rfk", acts[:, motion], turned, optimize=True)
+        p, f = acts.shape[1:]
+        out = np.zeros((len(force), f, len(rates)), dtype=complex)
+        for k, matrix in enumerate(rates):
+            used = np.flatnonzero(matrix.any(axis=0))  # few, mostly
+            turned = matrix[np.ix_(used, used)] @ acts[used].reshape(len(used), p * f)
+            turned = turned.reshape(len(used), p, f)
+            for i, part in zip(used, turned, strict=True):
+                out[..., k] += acts[i][motion] * part[force]
+        return out
 
     def soften(self, compliances: Mapping[str, Array], count: int) -> Complex:
         """Return derivatives (r, f, k) by changes (k, 6m, 6m) of elements' compliances."""
@@ -467,7 +491,3 @@ class ResponseState:
         for part in parts:
             out += part
         return out
-
-    def derive(self, columns: Complex) -> Array:
-        """Return derivatives of the readings (n, k) of those of lines (r, f, k)."""
-        return self._without(columns)

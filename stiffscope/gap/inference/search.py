@@ -93,7 +93,7 @@ class Search:
         seeds = self._find_seeds()
         if seeds:
             grown = fit(seeds, base, "effects on lines", len(seeds))
-            self._grow([none, *grown[:BEAM_WIDTH]], fitted)
+            self._grow(grown[:BEAM_WIDTH], fitted)
         else:
             self._grow([none], fitted)
         fixed: tuple[
