@@ -278,7 +278,8 @@ class ResponseState:
         lines = self._superpose(flexibility)
         nuisance = self._find_nuisance(ratios, flexibility, lines)
         d = len(self._damped)
-        for _ in range(limits.rounds if d else 0):
+        fits = d > 0 and self.block.mean is None  # local means hardly show damping
+        for _ in range(limits.rounds if fits else 0):
             left = (self.block.value - self.block.read(lines)) * self.block.weight
             change = nuisance.solve(left)[:d] * limits.damping
             change = np.clip(change, -limits.step, limits.step)
@@ -320,25 +321,27 @@ class ResponseState:
         """Return the nuisances about predicted lines (r, f): damping first, then directions."""
         force, motion = self.pairs.T
         d = self._damped
-        r, f = lines.shape
+        r = len(lines)
         part = self.ports[force][:, d] * self.ports[motion][:, d]
         size = 2.0 * ratios[d] * np.sqrt(self.modal.stiffness[d] * self.modal.mass[d])
         slope = -(size[:, None] * self.s) * flexibility[d] ** 2
+        weight = self.block.weight[..., None]
         damping = part[:, None] * slope.T * self.window[..., None]
-        columns = [self.settings.damping * damping]
+        columns = [self.settings.damping * self.block.read(damping) * weight]
         rows = np.arange(r)
         for side, other in ((force, motion), (motion, force)):
             known, which = np.unique(side, return_inverse=True)
-            for crossing in self._crossing:
-                turned = (crossing[side] * self.ports[other]) @ flexibility
-                apart = np.zeros((r, f, len(known)), dtype=complex)
-                apart[rows, :, which] = self.settings.turn * turned * self.window
-                columns.append(apart)
-        weight = self.block.weight
-        return _Nuisance.find(
-            self.settings.gain * self.block.read(lines) * weight,
-            self.block.read(np.concatenate(columns, axis=2)) * weight[..., None],
-        )
+            crossing = np.stack([each[side] for each in self._crossing], axis=2)
+            turned = [
+                (crossing[..., k] * self.ports[other]) @ flexibility * self.window
+                for k in range(crossing.shape[2])
+            ]
+            seen = self.block.read(np.stack(turned, axis=2)) * weight
+            apart = np.zeros((*seen.shape, len(known)), dtype=complex)
+            apart[rows, ..., which] = self.settings.turn * seen
+            columns.append(apart.reshape(*seen.shape[:2], -1))
+        gain = self.settings.gain * self.block.read(lines) * self.block.weight
+        return _Nuisance.find(gain, np.concatenate(columns, axis=2))
 
     def share(self, change: Complex) -> Array:
         """Return weighted changes (r, m, ...) as readings (n, ...), without what nuisances follow.
