@@ -94,7 +94,8 @@ class ResponseBlock:
             return lines
         parts = np.ascontiguousarray(lines).reshape(*lines.shape[:2], -1)
         means = self.mean @ parts.view(np.float64)  # real products take half the work
-        return means.view(np.complex128).reshape(len(lines), -1, *lines.shape[2:])
+        shape = len(lines), len(self.mean), *lines.shape[2:]
+        return means.view(np.complex128).reshape(shape)
 
     @cached_property
     def weight(self) -> Array:

@@ -28,9 +28,9 @@ if TYPE_CHECKING:
     from stiffscope.robot.nominal import NominalRobot
     from stiffscope.runtime.types import Array
 
-WIDTH = 0.05
-"""Of local means from which a search starts, relative to frequency: shifts of modes up to about
-twice as large are found."""
+WIDTH = 0.12
+"""Of local means from which a search starts, relative to frequency: shifts of modes of about
+this size are found."""
 
 
 @dataclass(frozen=True)

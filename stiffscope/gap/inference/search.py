@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -46,10 +46,34 @@ SKETCHED = 4  # and sets that are fitted
 ROUNDS = 3  # of exchanging and growing
 RIVALS = 3  # best sets in which effects are exchanged,
 CLOSE = 3.0  # within this ln-odds of the best
-SEEDED = 30  # hypotheses of a coarser model from which a search starts,
-SEEDED_SINGLE = 10  # and of single effects
+SEEDED = 12  # most hypotheses of a coarser model from which a search starts,
+SEEDED_WITHIN = 100.0  # within this ln-odds of its best,
+SEEDED_LEAST = 4  # and regardless of that
 GAIN = 1.0  # least ln-odds gained by another effect to continue
 _Set = TypeVar("_Set", "Start", Hypothesis)
+
+
+@dataclass(frozen=True)
+class Effort:
+    """How much a search tries.
+
+    Attributes
+    ----------
+    single, fitted, plain
+        Most nonlinear fits of single effects, of each larger size, and of the best without a
+        discrepancy.
+    sketches
+        Whether sets of simple effects are also sought jointly.
+    """
+
+    single: int = 2 * FITTED
+    fitted: int = FITTED
+    plain: int = FITTED_PLAIN
+    sketches: bool = True
+
+
+ROUGH = Effort(single=8, fitted=5, plain=2, sketches=False)
+"""Of a search in a coarser model, whose hypotheses are only starts."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,6 +99,7 @@ class Search:
     progress: Progress | None = None
     seeds: Sequence[Hypothesis] = ()
     """Hypotheses of a coarser model, the best first, from which the search starts."""
+    effort: Effort = field(default_factory=Effort)
 
     def hypotheses(self) -> list[Hypothesis]:
         """Return fitted hypotheses, the best first: none, single effects, and larger sets."""
@@ -91,11 +116,8 @@ class Search:
         ]
         fit(tried, base, "effects", len(tried))
         seeds = self._find_seeds()
-        if seeds:
-            grown = fit(seeds, base, "effects on lines", len(seeds))
-            self._grow(grown[:BEAM_WIDTH], fitted)
-        else:
-            self._grow([none], fitted)
+        grown = fit(seeds, base, "effects of the coarser model", len(seeds))
+        self._grow(grown[:BEAM_WIDTH] or [none], fitted)
         fixed: tuple[
             Candidate, ...
         ] = ()  # what has no parameters changes the derivatives of all others
@@ -107,21 +129,8 @@ class Search:
                 fit([Start(fixed, np.zeros(0), np.zeros(0))], base, "instruments", 1),
                 fitted,
             )
-        best = fitted.best
-        if len(best.candidates) > OBVIOUS or not all(c.simple for c in best.candidates):
-            complex_ones = tuple(c for c in best.words if not c.simple)
-            for core in [complex_ones, ()] if complex_ones else [()]:
-                for starts in self._sketches(core):
-                    new = [
-                        start
-                        for start in starts
-                        if forms_of(start.candidates) not in found
-                    ]
-                    stage = f"simple effects, {len(starts[0].candidates)} at once"
-                    fit(new, base, stage, SKETCHED)
-                if fitted.best is not best:
-                    self._grow([fitted.best], fitted)
-                    break
+        if self.effort.sketches:
+            self._sketch(fitted, base)
         for _ in range(ROUNDS):
             best = fitted.best
             rivals = _sort(found.values())[:RIVALS]
@@ -133,12 +142,32 @@ class Search:
             self._grow(exchanged[:1], fitted)
         return _sort(found.values())
 
+    def _sketch(self, fitted: _Fitted, base: Heights) -> None:
+        """Fit sets of simple effects that only fit jointly, where the best set is not obvious."""
+        best = fitted.best
+        if len(best.candidates) > OBVIOUS or not all(c.simple for c in best.candidates):
+            complex_ones = tuple(c for c in best.words if not c.simple)
+            for core in [complex_ones, ()] if complex_ones else [()]:
+                for starts in self._sketches(core):
+                    new = [
+                        start
+                        for start in starts
+                        if forms_of(start.candidates) not in fitted.found
+                    ]
+                    stage = f"simple effects, {len(starts[0].candidates)} at once"
+                    fitted.fit(new, base, stage, SKETCHED)
+                if fitted.best is not best:
+                    self._grow([fitted.best], fitted)
+                    break
+
     def _find_seeds(self) -> list[Start]:
-        """Return the best hypotheses of the coarser model, and its best single effects."""
-        some = [h for h in self.seeds if h.names]
-        single = [h for h in some if len(h.candidates) == 1]
-        chosen = {id(h): h for h in (*some[:SEEDED], *single[:SEEDED_SINGLE])}
-        return [Start(h.candidates, h.values, h.values) for h in chosen.values()]
+        """Return the best hypotheses of the coarser model as starts."""
+        some = [h for h in self.seeds if h.names][:SEEDED]
+        least = some[0].evidence - SEEDED_WITHIN if some else 0.0
+        chosen = [
+            h for k, h in enumerate(some) if k < SEEDED_LEAST or h.evidence > least
+        ]
+        return [Start(h.candidates, h.values, h.values) for h in chosen]
 
     def _sketches(self, core: tuple[Candidate, ...]) -> Iterable[list[Start]]:
         """Yield the best first-order sets with more simple effects, two or more, while they gain.
@@ -176,13 +205,13 @@ class Search:
             starts = self._extensions(frontier)
             if not starts:
                 return
-            most = FITTED if frontier[0].names else 2 * FITTED
+            most = self.effort.fitted if frontier[0].names else self.effort.single
             plain = sorted(starts, key=lambda s: -s.plain_score)
             if not _gains(_heights(starts), base):
                 most = LEAST_FITTED
                 plain = []  # the first-order error is as small
             fits = fitted.fit(starts, base, stage, most)
-            fits += fitted.fit(plain, base, stage, FITTED_PLAIN)
+            fits += fitted.fit(plain, base, stage, self.effort.plain)
             fits = _sort({id(h): h for h in fits}.values())
             if not fits:
                 return
