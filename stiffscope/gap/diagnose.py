@@ -46,6 +46,7 @@ from stiffscope.gap.inference.posterior_samples import draw_internal, draw_sampl
 from stiffscope.gap.inference.residuals import percent_rms, rms_by_kind
 from stiffscope.gap.inference.settings import VERDICT
 from stiffscope.gap.inference.verdict import (
+    adds_little,
     doubtful,
     judge_findings,
     settle_verdict,
@@ -125,6 +126,7 @@ def conclude(found: Findings) -> Diagnosis:
     joint = (
         found.best
         if forms_of(reported.words) <= forms_of(found.best.words)
+        and not adds_little(found, reported, found.best)
         else reported
     )
     unseen = tuple(_unseen(found, joint, judgement.effects))

@@ -470,20 +470,22 @@ def _name_outliers(
     sigma = np.nan_to_num(c.sigma[rows]) / np.where(
         c.relative[rows], np.abs(c.value[rows]), 1.0
     )
-    size = np.abs(left)
-    far = _stand_apart(size, size > _JUMP * np.maximum(_spread(left), sigma))
+    far = _stand_apart(np.abs(left), _JUMP * np.maximum(_spread(left), sigma))
     if not 0 < far.sum() <= max(1, _RARE * len(rows)) or len(rows) < 3 * LEAST:
         return
     yield _name_rows(c, name, rows[np.flatnonzero(far)[np.argsort(-np.abs(left[far]))]])
 
 
-def _stand_apart(size: Array, far: Flags) -> Flags:
-    """Return which far ones of sizes (r,) no smaller one leads up to.
+def _stand_apart(size: Array, limit: Array) -> Flags:
+    """Return which of sizes (r,) are beyond a limit (r,) and no tail of smaller ones.
 
-    A robot's fault that depends on pose or load, such as friction, has a long tail, which
-    fades into the usual readings; what is misread stands apart from all others.
+    A robot's fault that depends on pose or load, such as friction, has a long tail, which fades
+    into the usual readings: as it falls, at least as many are between half the limit and the
+    limit as beyond. What is misread may be of any size, so that few of it are there.
     """
-    while far.any():
+    far = size > limit
+    fading = int((~far & (size > 0.5 * limit)).sum()) >= int(far.sum())
+    while fading and far.any():
         apart = far & (size > _APART * size[~far].max(initial=0.0))
         if (apart == far).all():
             break

@@ -80,6 +80,7 @@ class ActuatorStiffness(ElementEffect):
                     place,
                     each,
                     odds=1.0 if alone else _UNUSUAL,
+                    guessed=guessed,
                     scale=(size,) * (1 + count),
                     groups=(1, count),
                     bounds=FREE,

@@ -104,6 +104,8 @@ class Candidate:
     """Other effects with the same signature, and their internal parameter over this one's."""
     odds: float = 1.0
     """Factor on the prior odds of this form of the effect."""
+    guessed: bool = False
+    """True if the robot file says that all its values are guesses: that they differ is expected."""
     stated: bool = False
     """True if the prior size is a stated tolerance: a standard uncertainty, without heavy tails."""
     groups: tuple[int, ...] = ()

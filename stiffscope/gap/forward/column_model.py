@@ -124,9 +124,11 @@ class ColumnModel:
         """Return none: predictions have no instruments."""
         del parameters
 
-    def find_equilibria(self, parameters: Parameters) -> None:
+    def find_equilibria(
+        self, parameters: Parameters, rest: Array | None = None
+    ) -> None:
         """Return none: predictions are what they are."""
-        del parameters
+        del parameters, rest
 
     def noise(self) -> Noise:
         """Return the noise: stated, or an unknown factor times the reading or its kind's rms."""

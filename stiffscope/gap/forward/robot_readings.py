@@ -164,10 +164,12 @@ class RobotReadings(InstrumentReadings):
             linear[mine] = self._motion(k, mine)
         return linear + find_second_order(self, linear) if self.exact else linear
 
-    @cached_property
-    def shows_second_order(self) -> bool:
-        """Whether readings would show the difference of equilibrium and first order."""
-        return shows_second_order(self, self.twist)
+    def shows_second_order(self, rest: Array | None) -> bool:
+        """Return whether readings would show the difference of equilibrium and first order.
+
+        rest: what first order leaves (n,), of which it must be a part that counts; None: anything.
+        """
+        return shows_second_order(self, self.twist, rest)
 
     @cached_property
     def length(self) -> float:

@@ -284,19 +284,16 @@ def posterior(
         covariance = _find_moment(
             *log_evidences(*part, chosen[None], positive), chosen[None], mean
         )
-        wider = np.ones(k)
+        moments: list[Array] = []
         for prior, mine in zip(
             priors, own, strict=True
-        ):  # its prior scale is not known either
+        ):  # nor is its prior scale known
             tried = _with(chosen, mine, prior.scales)
             logs, means, cores = log_evidences(*part, tried, positive)
-            variance = np.diagonal(
+            moments.append(
                 _find_moment(logs + prior.log_weight, means, cores, tried, mean)
             )
-            wider[mine] = np.sqrt(variance / np.diagonal(covariance)).clip(min=1.0)[
-                mine
-            ]
-        return wider[:, None] * covariance * wider
+        return _widen(covariance, moments)
 
     whole, plain = (
         float(log_sum(each)) + averaging for each in (log, log[errors.sizes == 0.0])
@@ -371,6 +368,24 @@ def _with(chosen: Array, mine: Indices, scales: Array) -> Array:
     tried = np.tile(chosen, (len(scales), 1))
     tried[:, mine] = scales
     return tried
+
+
+def _widen(covariance: Array, moments: Sequence[Array]) -> Array:
+    """Return a covariance (k, k) with what second moments (k, k) exceed it by, direction by direction.
+
+    Sums of parameters that readings show well stay so, however little these are known alone.
+    """
+    if not len(covariance):
+        return covariance
+    unit = np.sqrt(np.diagonal(covariance))
+    values, vectors = np.linalg.eigh(covariance / unit / unit[:, None])
+    root = unit[:, None] * vectors * np.sqrt(values.clip(min=_ROUNDING))
+    inverse = np.linalg.inv(root)
+    out = np.eye(len(covariance))
+    for moment in moments:
+        more, axes = np.linalg.eigh(inverse @ moment @ inverse.T)
+        out += (axes * (more - 1.0).clip(min=0.0)) @ axes.T
+    return root @ out @ root.T
 
 
 def _find_moment(

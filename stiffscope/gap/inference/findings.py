@@ -325,25 +325,25 @@ class Findings:
 
         A fit beside a large discrepancy follows details, and may leave more than no effect does.
         """
-        noise = self.problem.noise
         widens = self.chi2(hypothesis) > self.chi2(self.none)
         if (
             not widens
             and not self.problem.errors.sizes[np.argmax(hypothesis.known.settings)]
         ):
             return hypothesis
-        scaled = noise.scaled | (
-            not noise.scaled.any()
-        )  # by a known factor: one, or the best's
-        plain = replace(
-            noise, scaled=scaled, factors=np.array([self.best.known.noise_factor])
-        )
-        problem = replace(self.problem, noise=plain)
         here = hypothesis.values
         starts = (here, 0.0 * here) if widens else (here,)
-        return min(
-            (problem.fit(hypothesis.candidates, start) for start in starts),
-            key=self.chi2,
+        fits = (self._plainly.fit(hypothesis.candidates, start) for start in starts)
+        return min(fits, key=self.chi2)
+
+    @cached_property
+    def _plainly(self) -> Problem:
+        """The problem without a discrepancy, with noise of a known factor: one, or the best's."""
+        noise = self.problem.noise
+        scaled = noise.scaled | (not noise.scaled.any())
+        factor = np.array([self.best.known.noise_factor])
+        return replace(
+            self.problem, noise=replace(noise, scaled=scaled, factors=factor)
         )
 
     def predict_readings(self, hypothesis: Hypothesis) -> Array:
@@ -410,7 +410,8 @@ class Findings:
         ]
         if noise.scaled.any() or discrepancy:  # both are estimated again
             rest = Problem(self.model, replace(noise, used=noise.used & ~here))
-            known = rest.posterior(hypothesis.candidates, hypothesis.linear, x)
+            near = hypothesis.known.scales
+            known = rest.posterior(hypothesis.candidates, hypothesis.linear, x, near)
             return known.mean - hypothesis.values
         unit = hypothesis.known.scales  # parameter units range from 1e-9 m/N to kg
         left = unit * x[self.used_readings & ~here]

@@ -52,6 +52,7 @@ if TYPE_CHECKING:
 
 
 PRIOR_ODDS = 0.25  # of one effect more, shared by the words of the vocabulary and by their places
+GUESSED = 10.0  # of values that the robot file states as guesses: that they differ, not that none does
 UNKNOWN = 0.1  # of these odds: an unknown cause, shared by the kinds of patterns and their places
 STRANGE = 0.01  # of an effect's odds, those of its parameters beyond what is plausible
 MARGIN = 30.0  # ln-odds behind the best to first order up to which a set is fitted,
@@ -146,10 +147,13 @@ class Problem:
     def odds_of(self, candidate: Candidate) -> Array:
         """Return prior odds (t,) of an effect and its twins, equal for effects and their places.
 
-        Forms of one cause share them, whatever they are called.
+        Forms of one cause share them, whatever they are called. Guesses are expected to differ.
         """
         if candidate.is_nuisance:
             return np.array([self._odds_of_pattern(candidate.pattern)])
+        if candidate.guessed:
+            odds = GUESSED * self.odds / PRIOR_ODDS
+            return np.full(len(candidate.signature_of), odds)
         counts = self._place_counts
         words = map(word_of, candidate.signature_of)
         places = np.array([max(counts[word], 1) for word in words], dtype=float)

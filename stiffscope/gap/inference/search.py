@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
@@ -46,6 +47,9 @@ SKETCHED = 4  # and sets that are fitted
 ROUNDS = 3  # of exchanging and growing
 RIVALS = 3  # best sets in which effects are exchanged,
 CLOSE = 3.0  # within this ln-odds of the best
+SHARE = (
+    0.5  # of the readings: most parameters where the noise is found with the effects
+)
 GAIN = 1.0  # least ln-odds gained by another effect to continue
 _Set = TypeVar("_Set", "Start", Hypothesis)
 
@@ -71,6 +75,13 @@ class Search:
 
     problem: Problem
     progress: Progress | None = None
+
+    @cached_property
+    def _most_parameters(self) -> float:
+        """Most parameters of a set: where the noise is found with them, the rest must tell it."""
+        noise = self.problem.noise
+        readings = int(noise.used.sum())
+        return SHARE * readings if noise.scaled.any() else np.inf
 
     def hypotheses(self) -> list[Hypothesis]:
         """Return fitted hypotheses, the best first: none, single effects, and larger sets."""
@@ -270,6 +281,8 @@ class Search:
         alike: dict[tuple[bool, ...], list[int]] = {}
         for number, candidate in enumerate(library.candidates):
             if simple and not candidate.simple:
+                continue
+            if len(hypothesis.values) + len(candidate.scale) > self._most_parameters:
                 continue
             if self.problem.model.admits((*hypothesis.candidates, candidate)):
                 alike.setdefault(candidate.one_sided, []).append(number)

@@ -61,11 +61,11 @@ def judge_findings(found: Findings) -> Judgement:
         certain = []
         kept = none
     count = int(found.used_readings.sum())
-    parameters = len(kept.values)
+    parameters = _count_shown(found, kept)
     few = count < VERDICT.few * (parameters + 1)
     if few:
         unsettled.append(
-            f"{count} readings are too few to identify {parameters} parameters"
+            f"{count} readings are too few to identify {parameters:.0f} parameters"
         )
     if certain and not few:
         return _judge(found, kept, strange, unsettled)
@@ -88,6 +88,13 @@ def judge_findings(found: Findings) -> Judgement:
     return Judgement("ambiguous", known.words, known, tuple(unsettled))
 
 
+def _count_shown(found: Findings, hypothesis: Hypothesis) -> float:
+    """Return how many parameters of a hypothesis readings determine, of which the prior tells less."""
+    columns = found.slopes(hypothesis)[found.used_readings] * hypothesis.known.scales
+    gram = columns.T @ columns
+    return float(np.trace(np.linalg.solve(gram + np.eye(len(gram)), gram)))
+
+
 def _find_certain(found: Findings) -> tuple[list[Candidate], list[str], list[str]]:
     """Return certain effects, remarks on what no known effect explains, and on what is open."""
     best = found.best
@@ -104,7 +111,11 @@ def _find_certain(found: Findings) -> tuple[list[Candidate], list[str], list[str
         for name, group in groups.items()
         if group.doubted < CONFIDENT <= group.probability
     ]
-    probable = [c for c in best.words if not wrong[c.name] and _certain(groups[c.name])]
+    probable = [
+        c
+        for c in best.words
+        if not wrong[c.name] and _certain(groups[c.name]) and not _bends(found, c)
+    ]
     certain, little = _keep_explaining(found, probable)
     if little:
         unsettled.append(
@@ -227,6 +238,13 @@ def _explained_parts(found: Findings, whole: Hypothesis) -> dict[str, float]:
     return out
 
 
+def adds_little(found: Findings, fewer: Hypothesis, more: Hypothesis) -> bool:
+    """Return whether effects that agree with the noise gain little by others: less than counts."""
+    gained = _excess(found, fewer) - _excess(found, more)
+    small = gained < VERDICT.explains * _excess(found, found.none)
+    return small and not lack_of_fit(found, fewer)
+
+
 def _excess(found: Findings, hypothesis: Hypothesis) -> float:
     """Return the gap beyond the noise, in standard deviations of all readings."""
     count = int(found.used_readings.sum())
@@ -298,6 +316,19 @@ def _left_by_one(change: Array, columns: Array, other: Candidate) -> float:
 def _certain(group: Group) -> bool:
     """Return whether a group is certain, and known effects are more likely than not."""
     return group.doubted >= CONFIDENT and group.known > VERDICT.majority
+
+
+def _bends(found: Findings, candidate: Candidate) -> bool:
+    """Return whether what an effect changes also follows a pattern, and that explains as much as counts."""
+    own = set(candidate.members)
+    patterns = [c for c in found.best.candidates if c.is_nuisance]
+    beside = [c for c in patterns if own & set(c.members)]
+    if not beside:
+        return False
+    rest = found.fit_effects(c for c in found.best.candidates if c not in beside)
+    gap = max(_excess(found, found.none), 1e-300)
+    added = _excess(found, rest) - _excess(found, found.best)
+    return added >= VERDICT.explains * gap
 
 
 def _pattern_beside(found: Findings, kept: Hypothesis) -> bool:
