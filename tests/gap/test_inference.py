@@ -1015,6 +1015,27 @@ def test_a_main_cause_that_is_not_settled_is_ambiguous():
     assert {e.effect for e in small.effects} == {"effect-1"}
 
 
+@pytest.mark.parametrize(("size", "certain"), [(0.08, False), (0.2, True)])
+def test_what_explains_less_than_a_twentieth_is_not_certain(size, certain):
+    """Of 0.5 and 0.08 of two effects, the second has a share of 3 %, however clearly it is seen."""
+    model = linear_model(np.random.default_rng(21), parameters=(1,))
+    found = conclude(find(planted(model, e0=(0.5,), e1=(size,))))
+    assert (
+        {e.effect for e in found.effects} == {"effect-0", "effect-1"}
+        if certain
+        else {"effect-0"}
+    )
+    assert found.verdict == ("identified" if certain else "partly")
+    (own,) = next(
+        e for e in found.effects if e.effect == "effect-0"
+    ).parameters.values()
+    assert own.value == pytest.approx(0.5, abs=4 * own.sigma)
+    if not certain:
+        (small,) = (p for p in found.possible if p.effect == "effect-1")
+        assert small.probability > 0.9
+        assert any("effect-1" in r and "less than 5 %" in r for r in found.remarks)
+
+
 def test_an_effect_that_comes_in_two_sizes_keeps_the_one_that_was_found():
     """Beside an effect that is not certain it has two parameters; alone, one would do."""
     model = linear_model(np.random.default_rng(14), parameters=(1,))
