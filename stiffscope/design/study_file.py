@@ -112,7 +112,7 @@ class StudyFile:
     def poses_of(self, robot: RobotFile) -> np.ndarray:
         """Return all poses (n, k) of a design, m and rad."""
         return np.array(
-            [robot.poses[p] if isinstance(p, str) else p for p in self.poses]
+            [robot.known_poses[p] if isinstance(p, str) else p for p in self.poses]
         )
 
     def design(self, values: Iterable[Value]) -> RobotFile:
