@@ -409,6 +409,10 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             ),
             "bounds[].end?": ("`lower` or `upper`", ""),
             "bounds[].designs?": ("number of best designs at this bound", ""),
+            "present": (
+                "design of the robot file: `values`, `responses`, `reason` of a failure; null for a share",
+                "SI",
+            ),
             "nearest": (
                 "if no design is feasible, the nearest one: its number, the violated constraint, its value",
                 "",
