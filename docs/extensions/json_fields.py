@@ -897,6 +897,10 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
                 "parameters of the first that no available reading distinguishes from the second",
                 "",
             ),
+            "plan.pairs[].larger_pulls": (
+                "factor on the pulls that distinguishes those, too; 1 if none are left, null if none does",
+                "",
+            ),
             "plan.pairs[].asked": ("whether both belong to the question", ""),
         },
     ),
