@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.robot.file.override import write_override
 from stiffscope.robot.reader import read_robot
 
 if TYPE_CHECKING:
@@ -56,14 +56,6 @@ class Variable:
 def round_off(value: float) -> float:
     """Round a number to twelve digits for robot files."""
     return float(f"{value:.12g}")
-
-
-def write_override(name: str, value: Any) -> str:
-    """Return an override for `--set`."""
-    text = (
-        json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)
-    )
-    return f"{name}={text}"
 
 
 @dataclass(frozen=True)

@@ -25,13 +25,13 @@ from stiffscope.design.study_file import (
     StudyFile,
     Variable,
     round_off,
-    write_override,
 )
 from stiffscope.errors import InputError
 from stiffscope.lobes.chatter import check_cut
 from stiffscope.path.job import load_job
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.expressions import parse
+from stiffscope.robot.file.override import write_override
 from stiffscope.robot.file.parse import FieldError, Source, blame, parse_text
 from stiffscope.robot.file.tables import one_of, read_table
 from stiffscope.robot.file.values import (

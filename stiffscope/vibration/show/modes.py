@@ -51,7 +51,8 @@ def draw_modes(
 ) -> None:
     """Draw each mode at each pose, coloured by energy: ``mode_POSE_NUMBER.png``.
 
-    Those of the first pose move, too (``….gif``); the page moves all of them. Log a warning and omit them if this machine cannot draw.
+    Those of the first pose move, too (``….gif``); the page moves all of them. Log a warning and
+    omit them if this machine cannot draw.
 
     Parameters
     ----------
