@@ -87,6 +87,9 @@ class Candidate:
     """Prior scale of the internal parameters, derived from the robot; the prior has heavy tails."""
     plausible: tuple[tuple[float, float], ...] = ()
     """Plausible range of each physical parameter."""
+    possible: tuple[tuple[float, float], ...] = ()
+    """Range of each beyond which it is no cause; empty: the plausible one. Between the two, the
+    `sums` are reported in its place."""
     bounds: tuple[float, float] = (-np.inf, np.inf)
     """Computable range of every internal parameter."""
     physical: Callable[[Array], Array] = _keep

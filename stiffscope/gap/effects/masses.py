@@ -167,13 +167,16 @@ class AddedMass(Effect):
                 if not known:
                     moments = (mass.size * centre[a].size for a in axes)
                     low, high = find_extent(mechanism, body) - heavy.point
-                    within = (
+                    within = [
                         p._replace(low=float(a), high=float(b))
                         for p, a, b in zip(centre, low, high, strict=True)
-                    )
+                    ]
+                    out = setting.length  # the longest lever of anything mounted on it
+                    beyond = [(p.low - out, p.high + out) for p in within]
                     yield heavy.make_candidate(
                         place,
                         (mass, *within),
+                        possible=((mass.low, mass.high), *beyond),
                         sums=heavy.list_moments(_find_support(mechanism, body)),
                         scale=(mass.size, *moments),
                         couplings=len(axes),

@@ -18,8 +18,8 @@ class VerdictSettings:
     mentioned: int = 3
     """Patterns: most mentioned as substitutes of an effect."""
     explains: float = 0.05
-    """Share of the gap beyond the noise: an effect that explains less, of all of it or of what
-    the others leave, is not certain, whatever its probability. Errors of a model are of this size."""
+    """Part of the gap beyond the noise: an effect whose share of what all explain is less is not
+    certain, whatever its probability. Errors of a model are of this size."""
     unlisted: float = 0.5
     """Probability: of a cause outside the vocabulary once no known effect explains the gap."""
     alike: float = 4.0

@@ -10,7 +10,7 @@ import numpy as np
 
 from stiffscope.gap.inference.findings import CONFIDENT
 from stiffscope.gap.inference.lack_of_fit import lack_of_fit, model_errors
-from stiffscope.gap.inference.plausibility import implausible
+from stiffscope.gap.inference.plausibility import implausible, impossible
 from stiffscope.gap.inference.settings import VERDICT
 
 if TYPE_CHECKING:
@@ -49,24 +49,7 @@ def judge_findings(found: Findings) -> Judgement:
     """
     best = found.best
     none = found.none
-    wrong = {c.name: implausible(c, found.best) for c in best.words}
-    strange = [text for texts in wrong.values() for text in texts]
-    unnamed = sorted(c.describe(v) for c, v in best.parameters if c.is_nuisance)
-    if unnamed:
-        strange.append(
-            f"the readings follow {', '.join(unnamed)}, outside the known effects"
-        )
-    groups = {c.name: found.group(c.name) for c in best.words}
-    certain = [c for c in best.words if not wrong[c.name] and _certain(groups[c.name])]
-    favoured = [
-        n
-        for n, group in groups.items()
-        if group.doubted < CONFIDENT <= group.probability
-    ]
-    unsettled = [
-        f"{found.find_instead(name)} fits about as well as {name}" for name in favoured
-    ]
-    certain = _keep_explaining(found, certain)
+    certain, strange, unsettled = _find_certain(found)
     kept = found.fit_effects(certain)
     before = found.chi2(none)
     other = found.fit_named(certain)
@@ -103,6 +86,32 @@ def judge_findings(found: Findings) -> Judgement:
         return Judgement("no-gap", (), none, tuple(strange))
     known = found.fit_effects(best.words)
     return Judgement("ambiguous", known.words, known, tuple(unsettled))
+
+
+def _find_certain(found: Findings) -> tuple[list[Candidate], list[str], list[str]]:
+    """Return certain effects, remarks on what no known effect explains, and on what is open."""
+    best = found.best
+    wrong = {c.name: impossible(c, found.best) for c in best.words}
+    strange = [text for texts in wrong.values() for text in texts]
+    unnamed = sorted(c.describe(v) for c, v in best.parameters if c.is_nuisance)
+    if unnamed:
+        strange.append(
+            f"the readings follow {', '.join(unnamed)}, outside the known effects"
+        )
+    groups = {c.name: found.group(c.name) for c in best.words}
+    unsettled = [
+        f"{found.find_instead(name)} fits about as well as {name}"
+        for name, group in groups.items()
+        if group.doubted < CONFIDENT <= group.probability
+    ]
+    probable = [c for c in best.words if not wrong[c.name] and _certain(groups[c.name])]
+    certain, little = _keep_explaining(found, probable)
+    if little:
+        unsettled.append(
+            f"{' and '.join(little)} would explain less than "
+            f"{100.0 * VERDICT.explains:.0f} % of the gap: not certain"
+        )
+    return certain, strange, unsettled
 
 
 def settle_verdict(
@@ -181,46 +190,41 @@ def _judge(
     return Judgement(verdict, kept.words, kept, remarks)
 
 
-def _keep_explaining(found: Findings, certain: Sequence[Candidate]) -> list[Candidate]:
-    """Return the effects that explain part of the gap with plausible parameters."""
+def _keep_explaining(
+    found: Findings, certain: Sequence[Candidate]
+) -> tuple[list[Candidate], list[str]]:
+    """Return effects that explain part of the gap, possibly, and names of what explains too little."""
     left = list(certain)
+    little: list[str] = []
     while left:
         whole = found.fit_effects(left)
+        part = _explained_parts(found, whole)
         weak = [
-            c
-            for c in left
-            if _explains_little(found, whole, c) or implausible(c, whole)
+            c for c in left if part[c.name] < VERDICT.explains or impossible(c, whole)
         ]
         if not weak:
             break
-        least = min(weak, key=lambda c: _gain(found, whole, c))
+        least = min(weak, key=lambda c: part[c.name])
         left.remove(least)
-    return left
+        if not impossible(least, whole):
+            little.append(least.name)
+    return left, little
 
 
-def _gain(found: Findings, whole: Hypothesis, candidate: Candidate) -> float:
-    """Return the χ² that an effect explains beside the others of a hypothesis."""
-    rest = found.fit_effects(c for c in whole.candidates if c is not candidate)
-    return found.chi2(rest) - found.chi2(whole)
+def _explained_parts(found: Findings, whole: Hypothesis) -> dict[str, float]:
+    """Return the part of the gap beyond the noise that each effect of a hypothesis explains.
 
-
-def _explains_little(found: Findings, whole: Hypothesis, candidate: Candidate) -> bool:
-    """Return whether an effect explains little, of the gap and of what the others leave."""
-    rest = found.fit_effects(c for c in whole.candidates if c is not candidate)
-    alone = found.fit_effects([candidate])
-    gap = _excess(found, found.none)
-    shares = (
-        1.0 - _excess(found, after) / max(_excess(found, before), 1e-300)
-        for before, after in ((rest, whole), (found.none, alone))
-    )
-    if lack_of_fit(
-        found, whole
-    ):  # errors of the model are left, which anything fits in part
-        ratio = found.chi2(whole) / max(found.chi2(rest), 1e-300)
-        own = 1.0 - _excess(found, alone) / max(gap, 1e-300)
-        shares = (1.0 - float(np.sqrt(ratio)), own)
-    together = 1.0 - _excess(found, whole) / max(gap, 1e-300)
-    return max(shares) < VERDICT.explains or together < VERDICT.explains
+    It is its share of what all of them explain together, and no more than what is left without it:
+    of two effects that change the readings alike, one may have a share and yet add nothing.
+    """
+    gap = max(_excess(found, found.none), 1e-300)
+    left = _excess(found, whole)
+    out: dict[str, float] = {}
+    for name, share in shares(found, whole).items():
+        rest = found.fit_effects(c for c in whole.candidates if c.name != name)
+        added = _excess(found, rest) - left
+        out[name] = min(share * (gap - left), added) / gap
+    return out
 
 
 def _excess(found: Findings, hypothesis: Hypothesis) -> float:
