@@ -510,3 +510,19 @@ def test_a_tool_that_moves_freely_is_not_rigid():
     state = analyse(m, m.tool.home[None])
     assert state.mobility.tolist() == [1]
     assert not state.nearly_rigid.any()
+
+
+@pytest.mark.parametrize("slope", [1e-3, 0.1])
+def test_a_wedge_that_nothing_holds_frees_the_tool_however_flat_it_is(slope):
+    """The wedge slides by s, the tool follows by slope times s: a force along z meets nothing."""
+    slide = {"kind": "prismatic", "at": [0, 0, 0]}
+    joints = (
+        Joint("drive", "ground", "base", axis=[0, 1, 0], drive=Drive(1e6), **slide),
+        Joint("way", "base", "wedge", axis=[1, 0, 0], **slide),
+        Joint("lift", "base", "tool", axis=[0, 0, 1], **slide),
+        Joint("flank", "wedge", "tool", axis=[1, 0, slope], **slide),
+    )
+    bodies = (Body("base"), Body("wedge"), Body("tool"))
+    m = Mechanism(bodies, joints, Tool("tool", [0.1, 0, 0], ("y",)))
+    with pytest.raises(InputError, match="moves freely"):
+        analyse(m, m.tool.home[None])
