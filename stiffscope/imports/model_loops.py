@@ -131,7 +131,7 @@ def close_loops(mj: Any, spec: Any, loops: Loops, urdf: bytes) -> list[str]:
     closed = say_count(len(loops.pairs), "loop is", "loops are")
     notes = [f"{closed} closed as {loops.file.name} says"]
     if loops.motors:
-        listed = list_some(loops.motors)
+        listed = list_some(loops.motors, 6)
         notes.append(f"motors of {loops.file.name}: {listed}; stiffness by --drive")
     return notes
 

@@ -120,7 +120,7 @@ def test_a_four_bar_with_two_connects_on_a_line(imported):
     assert "without its meshes" in told
     assert "not active" in told
     assert "couples the coordinates of joints motor and pivot (mimic)" in told
-    assert "stiffness of motor, elbow, pivot is not taken" in told
+    assert "stiffness and damping of motor, elbow, pivot are not taken" in told
     assert 'actuator "servo"' in text
     assert "# the source has stiffness 11, damping 7 here (SI), not taken" in text
     for number in ("1234", "11 ", "7 ", "0.02 1"):  # gains, springs, damping, solver

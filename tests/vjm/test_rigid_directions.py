@@ -146,7 +146,7 @@ def test_a_rigid_force_is_told_with_its_line():
     """A force through the only axis of a boom turns nothing; the same force at its tip does."""
     m = arm([(0, 0, 1)], [(0, 0, 0)], (0.6, 0, 0), ("rz",))
     note = rigid_note(analyse(m, np.zeros((1, 1))).rigid[0])
-    assert "5 direction(s)" in note
+    assert "5 directions" in note
     assert "force along y, its line (-600, 0, 0) mm away" in note
     assert "force along x, force" in note
 
@@ -242,7 +242,7 @@ def test_a_nearly_straight_wrist_is_nearly_rigid_not_free(bend, gravity):
     note = rigid_note(state.rigid[0]) or singular_note(state.matrix[0])
     assert (
         "rigid: force along y, its line (-850" in note
-        or "rigid in 1 direction(s): force along y" in note
+        or "rigid in 1 direction: force along y" in note
     )
 
 
