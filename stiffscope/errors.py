@@ -62,6 +62,11 @@ def lacks_memory(error: BaseException) -> bool:
     )
 
 
+def say_count(number: int, one: str, more: str = "") -> str:
+    """Return a number with its noun: "1 mode", "2 modes"; ``more``: the plural, if not with an s."""
+    return f"{number:,} {one if number == 1 else more or f'{one}s'}"
+
+
 def meant(word: str, valid: Iterable[str], cutoff: float = 0.6) -> str:
     """End of a message: the valid word that was probably meant, where one is as like as ``cutoff`` (1 is the same).
 

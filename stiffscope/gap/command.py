@@ -14,7 +14,7 @@ import click
 from stiffscope.cli import options
 from stiffscope.cli.options import takes
 from stiffscope.cli.output import emit, open_workshop
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, say_count
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.gap.adoption import adopt as adopt_effects
@@ -140,9 +140,8 @@ def _write_page(
     case: Case, nominal: Assembled | None, diagnosis: Diagnosis, report: Draft
 ) -> None:
     view = None
-    facts = [
-        f"{len(case.campaign):,} readings at {len(case.campaign.pose_names)} poses"
-    ]
+    poses = say_count(len(case.campaign.pose_names), "pose")
+    facts = [f"{say_count(len(case.campaign), 'reading')} at {poses}"]
     if nominal is None:
         facts.append("the model under test is the campaign's own predictions")
     else:
@@ -214,7 +213,8 @@ def new_campaign(
         if proposal is not None:
             campaign_check.show_plan(proposal, robot.tool.pose)
         tables.show_line(
-            f"Written: {goal}, {readings} readings at {poses} pose{('s' if poses != 1 else '')} to fill in."
+            f"Written: {goal}, {say_count(readings, 'reading')} at "
+            f"{say_count(poses, 'pose')} to fill in."
         )
         tables.show_line(f"Next: stiffscope campaign check {goal}")
 

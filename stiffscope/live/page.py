@@ -16,7 +16,7 @@ import numpy as np
 from PIL import Image
 
 from stiffscope.cad.materials import MATERIALS
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, say_count
 from stiffscope.experiments.assembly import (
     at_named_poses,
     deflection_bars,
@@ -312,7 +312,9 @@ def compare_readings(case: Case, assembled: Assembled) -> dict[str, Any]:
     size = np.linalg.norm(campaign.value)
     with record_shown() as shown:
         gap = 100 * np.linalg.norm(left) / size if size else 0.0
-        show_line(f"{len(campaign)} readings; gap {gap:.3g} % rms, before fitting")
+        show_line(
+            f"{say_count(len(campaign), 'reading')}; gap {gap:.3g} % rms, before fitting"
+        )
         rows = []
         for i in range(len(campaign))[: -MOST_READINGS - 1 : -1]:
             name = campaign.pose_names[campaign.pose[i]]
@@ -341,7 +343,7 @@ def _mark(arrow: Mapping[str, Any], sizes: np.ndarray) -> dict[str, Any]:
     """Return a sensor's mark for the viewer, coloured by its residuals over their uncertainty."""
     rms = float(np.sqrt(np.mean(np.square(sizes)))) if len(sizes) else np.nan
     kind = "sensor without readings" if np.isnan(rms) else FAR if rms > 3.0 else NEAR
-    words = f"{arrow['name']}: {len(sizes)} readings"
+    words = f"{arrow['name']}: {say_count(len(sizes), 'reading')}"
     words += "" if np.isnan(rms) else f", residuals {rms:.3g} σ rms"
     place = {name: np.round(arrow[name], 9).tolist() for name in ("at", "direction")}
     look = {"kind": kind, "colour": MARKS.get(kind, "#8a949e")}

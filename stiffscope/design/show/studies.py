@@ -10,6 +10,7 @@ import numpy as np
 
 from stiffscope.design.show.sensitivities import quantity
 from stiffscope.design.verdicts import find_bounds, find_nearest, judge_convergence
+from stiffscope.errors import say_count
 from stiffscope.report.figures import (
     AFTER,
     BEFORE,
@@ -66,7 +67,7 @@ def write_study_page(study: Study, report: Draft) -> None:
     still, parallel = map(report.figures, words.values())
     facts = [
         f"method {study.file.method}",
-        f"{len(study.designs)} designs",
+        say_count(len(study.designs), "design"),
         "files in SI units",
     ]
     sections = [
@@ -211,7 +212,7 @@ def show_study(study: Study) -> None:
     more = len(chosen) - MOST_ROWS
     if more > 0:
         show_line(f"  {more} more in {TABLE}.csv")
-    show_line(f"  {len(study.designs)} designs: {counts}")
+    show_line(f"  {say_count(len(study.designs), 'design')}: {counts}")
     for line in _describe_search(study):
         show_line(f"  {line}")
     for reason, count in Counter(study.designs.reasons.values()).most_common(3):

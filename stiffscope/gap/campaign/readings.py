@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, say_count
 from stiffscope.gap.campaign import keys as of_rows
 from stiffscope.gap.campaign import quantities as of
 from stiffscope.gap.campaign.campaign import Campaign
@@ -352,7 +352,8 @@ def match_robot(campaign: Campaign, robot: RobotFile) -> Campaign:
     most = int((_MOST_WORK / len(campaign)) ** 0.5) // max(sum(loose), 1)
     if any(loose) and len(campaign.session_names) > most:
         where = campaign.where(int(np.argmax(campaign.session >= most)))
-        expected = f"expected at most {most:,} sessions, each with {sum(loose)} unknown(s) of instruments, got more"
+        unknown = say_count(sum(loose), "unknown")
+        expected = f"expected at most {say_count(most, 'session')}, each with {unknown} of instruments, got more"
         raise InputError(f"{where}: session: {expected}")
     if not np.isnan(campaign.poses).any():
         return _order_columns(campaign, robot)

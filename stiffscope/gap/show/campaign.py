@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.errors import say_count
 from stiffscope.gap.campaign.copies import find_copies
 from stiffscope.gap.campaign.kinds import KINDS
 from stiffscope.gap.campaign.quantities import WRENCH
@@ -213,8 +214,8 @@ def show_campaign(facts: Mapping[str, Any], name: str) -> None:
 def _show_readings(facts: Mapping[str, Any], name: str) -> None:
     counts = facts["kinds"].items()
     kinds = ", ".join(f"{count} {_PLURAL[kind]}" for kind, count in counts)
-    readings = f"{facts['readings']} readings ({kinds})"
-    show_line(f"{name}: {readings} at {len(facts['poses'])} poses", "bold")
+    readings = f"{say_count(facts['readings'], 'reading')} ({kinds})"
+    show_line(f"{name}: {readings} at {say_count(len(facts['poses']), 'pose')}", "bold")
     if facts["empty"]:
         show_line(f"  {facts['empty']} of them have no value yet")
     if facts["copies"]:
