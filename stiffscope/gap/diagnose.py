@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, say_count
 from stiffscope.gap.drive_table import list_drives
 from stiffscope.gap.forward.column_model import ColumnModel
 from stiffscope.gap.forward.misread_frames import find_misread
@@ -479,7 +479,7 @@ def _counts(found: Findings, reported: Hypothesis) -> list[str]:
     scaled = bool(found.problem.noise.scaled.any())
     gain = found.best.evidence - found.none.evidence
     return [
-        f"{count} readings, {parameters} free parameter{'s' if parameters != 1 else ''}",
+        f"{say_count(count, 'reading')}, {say_count(parameters, 'free parameter')}",
         *(
             [f"estimated noise: {100 * factor:.2g} % of a reading (1 σ)"]
             if scaled

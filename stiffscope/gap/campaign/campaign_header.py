@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, meant
 from stiffscope.gap.campaign.campaign import InstrumentFrame, LoadPoint, Sensor
 from stiffscope.gap.campaign.header_table import HeaderTable
-from stiffscope.gap.campaign.quantities import AXES, QUANTITIES
+from stiffscope.gap.campaign.quantities import AXES, JOINT, QUANTITIES, WRENCH
 from stiffscope.gap.campaign.response_header import ResponseSetup, read_setup
 from stiffscope.gap.effects.instruments import INSTRUMENT, ROTATION, TRANSLATION
 from stiffscope.gap.effects.vocabulary import EFFECTS
@@ -36,12 +36,26 @@ KEYS = (
     "readings",
     "predictions",
     "units",
+    "columns",
     "ignore",
     "frames",
     "sensors",
     "loads",
     "responses",
 )
+COLUMNS = (
+    *AXES,
+    "pose",
+    "load",
+    *WRENCH,
+    "sensor",
+    "quantity",
+    "kind",
+    "value",
+    "sigma",
+    "session",
+)
+"""Columns of a table of readings, beside q:JOINT."""
 ZEROS = ("none", "session")
 SENSOR_KEYS = (
     "measures",
@@ -76,6 +90,8 @@ class Header:
     """Its text, used to give line numbers in errors."""
     units: Mapping[str, str]
     """Units of columns that are not in SI."""
+    columns: Mapping[str, str]
+    """Headings of the tables, by the column that they stand for, where they are others."""
     ignore: tuple[str, ...]
     frames: tuple[InstrumentFrame, ...]
     sensors: tuple[Sensor, ...]
@@ -108,7 +124,7 @@ def load_header(folder: Path) -> Header:
     setups = _read_setups(top)
     readings = _read_names(top, optional=bool(setups))
     ignore = top.texts("ignore", ())
-    needed = [name for name in ("value", "sigma") if name in ignore]
+    needed = [name for name in ("value",) if name in ignore]
     if needed:
         raise top.refuse(
             "ignore", f'expected columns that are not needed, got "{needed[0]}"'
@@ -144,6 +160,7 @@ def load_header(folder: Path) -> Header:
         predictions=predictions,
         source=source,
         units={column: unit for column in units.data if (unit := units.text(column))},
+        columns=_read_headings(top),
         ignore=ignore,
         frames=frames,
         sensors=tuple(sensors),
@@ -167,6 +184,21 @@ def _read_names(top: HeaderTable, *, optional: bool) -> tuple[str, ...]:
             "readings", "expected one file name or a list of different ones"
         )
     return readings
+
+
+def _read_headings(top: HeaderTable) -> dict[str, str]:
+    """Return the tables' own headings by column."""
+    section = top.table("columns")
+    headings: dict[str, str] = {}
+    for column in section.data:
+        if column not in COLUMNS and not column.startswith(JOINT):
+            expected = f"expected one of {', '.join(COLUMNS)}, q:JOINT"
+            raise section.refuse(column, f"{expected}{meant(column, COLUMNS)}")
+        heading = section.text(column) or ""
+        if heading.strip() in headings.values():
+            raise section.refuse(column, f"expected another heading than {heading!a}")
+        headings[column] = heading.strip()
+    return headings
 
 
 def _read_frame(name: str, section: HeaderTable) -> InstrumentFrame:

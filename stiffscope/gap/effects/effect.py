@@ -356,6 +356,8 @@ class Effect:
     """Whether a robot file may contain it."""
     blames: ClassVar[bool] = False
     """Whether it blames its element if it acts on a single one."""
+    linear: ClassVar[bool] = False
+    """Whether its changes are proportional to its internal parameters: steps are taken only once."""
     of_matrix: ClassVar[bool] = False
     """Whether it changes a part's compliance matrix."""
     weighs: ClassVar[bool] = False

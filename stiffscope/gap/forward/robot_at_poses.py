@@ -43,8 +43,9 @@ if TYPE_CHECKING:
 
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.campaign.kinds.kind import Predictor
-    from stiffscope.gap.effects.effect import Payload
+    from stiffscope.gap.effects.effect import Effect, Payload
     from stiffscope.gap.forward.setup import Setup
+    from stiffscope.gap.forward.slopes import Steps
     from stiffscope.robot.nominal import NominalRobot
     from stiffscope.runtime.types import Array, Flags, Indices
     from stiffscope.vjm.kinematics.configurations import Configurations
@@ -104,6 +105,11 @@ class RobotAtPoses:
 
     @cached_property
     def _cuts(self) -> dict[str, Response]:
+        return {}
+
+    @cached_property
+    def linear_steps(self) -> dict[int, tuple[Effect, Steps]]:
+        """Steps of linear effects, by their ids."""
         return {}
 
     @cached_property

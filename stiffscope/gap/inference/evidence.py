@@ -433,32 +433,46 @@ def log_evidences(
     cores = cores + np.eye(scales.shape[-1]) * ridge[..., None, None]
     b = wide * pulls[..., :, None, :]
     u, free = constrained_minima(cores, b, positive)
-    fit = 2.0 * np.sum(u * b, axis=-1) - np.einsum("...i,...ij,...j->...", u, cores, u)
-    pivots = np.diagonal(cast("Array", np.linalg.cholesky(cores)), axis1=-2, axis2=-1)
+    at = (cores @ u[..., None])[..., 0]
+    fit = np.sum(u * (2.0 * b - at), axis=-1)
+    last = np.argsort(positive, kind="stable")  # those that cannot be negative
+    root = cast("Array", np.linalg.cholesky(cores[..., last[:, None], last]))
+    pivots = np.diagonal(root, axis1=-2, axis2=-1)
     log = (
         -0.5 * (totals[..., None] - fit)
         - np.log(pivots).sum(axis=-1)
         + log_weight[:, None]
     )
-    return log + _above_zero(cores, b, u, free, positive), wide * u, cores
+    if positive.any():
+        beside = np.sqrt(np.diagonal(cores, axis1=-2, axis2=-1))
+        pull = ((b - at) / beside)[..., positive]
+        count = int(positive.sum())
+        own = root[..., -count:, -count:]
+        log = log + _above_zero(own, u[..., positive], pull, free[..., positive])
+    return log, wide * u, cores
 
 
-def _above_zero(
-    cores: Array, b: Array, u: Array, free: Flags, positive: Flags
-) -> Array:
+def _above_zero(root: Array, u: Array, pull: Array, free: Flags) -> Array:
     """Return the log correction (...) of Laplace's approximation for non-negative parameters.
 
     For each, the fraction of its Gaussian above zero over the prior's half: the marginal one if
     free, the conditional one if held at zero. Exact for independent parameters.
+
+    Parameters
+    ----------
+    root
+        Cholesky factor (..., p, p) of their precision with all others marginalized.
+    u
+        Parameters (..., p).
+    pull
+        Slopes (..., p) of the log posterior at u, in conditional standard deviations.
+    free
+        Which (..., p) are not held at zero.
     """
-    if not positive.any():
-        return np.zeros(u.shape[:-1])
-    deviation = np.sqrt(np.diagonal(np.linalg.inv(cores), axis1=-2, axis2=-1))
-    beside = np.sqrt(np.diagonal(cores, axis1=-2, axis2=-1))
-    pull = (b - np.einsum("...ij,...j->...i", cores, u)) / beside
+    deviation = np.linalg.norm(np.linalg.inv(root), axis=-2)  # of (L Lᵀ)⁻¹
     away = np.abs(np.where(free, u / deviation, pull)) / np.sqrt(2.0)
     share = np.asarray(np.where(free, erfc(-away), erfcx(away)), dtype=float)
-    return np.where(positive, np.log(share), 0.0).sum(axis=-1)
+    return np.log(share).sum(axis=-1)
 
 
 def constrained_minima(
@@ -466,7 +480,8 @@ def constrained_minima(
 ) -> tuple[Array, Flags]:
     """Return minima (..., k) of ``½ uᵀ A u - bᵀ u`` with some u ≥ 0, and which u are free.
 
-    Fixes the most negative one at a time; `scipy.optimize.nnls` takes one factor and bounds all u.
+    Eliminates the others, then fixes the most negative one at a time; `scipy.optimize.nnls` takes
+    one factor and bounds all u.
 
     Parameters
     ----------
@@ -477,28 +492,53 @@ def constrained_minima(
     """
     shape = pulls.shape
     k = pulls.shape[-1]
+    free = np.ones(shape, dtype=np.bool_)
     if k == 0:
-        return pulls, np.ones(shape, dtype=np.bool_)
+        return pulls, free
+    if not positive.any():
+        return np.linalg.solve(matrices, pulls[..., None])[..., 0], free
     a = matrices.reshape(-1, k, k)
     b = pulls.reshape(-1, k)
-    free = np.ones(b.shape, dtype=np.bool_)
+    root = np.sqrt(np.diagonal(a, axis1=1, axis2=2))[:, positive]
+    own = a[:, positive]
+    mixed = own[:, :, ~positive]
+    beside = a[:, ~positive][:, :, ~positive]
+    right = np.concatenate([mixed.mT, b[:, ~positive, None]], axis=2)
+    share = np.linalg.solve(
+        beside, right
+    )  # of the others: per unit of these, and alone
+    least, held = _minimize_above_zero(
+        own[:, :, positive] - mixed @ share[:, :, :-1],
+        b[:, positive] - (mixed @ share[:, :, -1:])[..., 0],
+        root,
+    )
+    u = np.empty(b.shape)
+    u[:, positive] = least
+    u[:, ~positive] = share[:, :, -1] - (share[:, :, :-1] @ least[..., None])[..., 0]
+    free[..., positive] = ~held.reshape(*shape[:-1], -1)
+    return u.reshape(shape), free
+
+
+def _minimize_above_zero(a: Array, b: Array, root: Array) -> tuple[Array, Flags]:
+    """Return minima (n, k) of ``½ uᵀ A u - bᵀ u`` with u ≥ 0, and which u are held at zero.
+
+    root: inverse units (n, k) in which the most negative one is sought.
+    """
+    k = b.shape[1]
     u = np.linalg.solve(a, b[..., None])[..., 0]
-    if positive.any():
-        root = np.sqrt(np.diagonal(a, axis1=1, axis2=2))
-        left = np.arange(len(b))
-        while len(left):
-            wrong = np.where(positive & free[left], u[left] * root[left], 0.0)
-            bad = wrong.min(axis=1) < 0.0
-            left = left[bad]
-            worst = np.argmin(wrong, axis=1)[bad]
-            free[left, worst] = False
-            keep = free[left]
-            both = keep[:, :, None] & keep[:, None, :]
-            held = np.where(both, a[left], 0.0) + np.eye(k) * ~keep[:, None, :]
-            u[left] = np.linalg.solve(held, np.where(keep, b[left], 0.0)[..., None])[
-                ..., 0
-            ]
-    return u.reshape(shape), free.reshape(shape)
+    free = np.ones(b.shape, dtype=np.bool_)
+    left = np.arange(len(b))
+    while len(left):
+        wrong = np.where(free[left], u[left] * root[left], 0.0)
+        bad = wrong.min(axis=1) < 0.0
+        left = left[bad]
+        free[left, np.argmin(wrong, axis=1)[bad]] = False
+        keep = free[left]
+        both = keep[:, :, None] & keep[:, None, :]
+        held = np.where(both, a[left], 0.0) + np.eye(k) * ~keep[:, None, :]
+        pulls = np.where(keep, b[left], 0.0)
+        u[left] = np.linalg.solve(held, pulls[..., None])[..., 0]
+    return u, ~free
 
 
 def log_sum(logs: Array, axis: int | None = None) -> Any:
