@@ -31,7 +31,6 @@ from stiffscope.gap.inference.diagnosis import (
     Sensitivity,
 )
 from stiffscope.gap.inference.find import find
-from stiffscope.gap.inference.findings import COMPETING
 from stiffscope.gap.inference.hypothesis import forms_of, positive_of
 from stiffscope.gap.inference.lack_of_fit import correlation
 from stiffscope.gap.inference.location import locate_residuals, signature_correlation
@@ -44,7 +43,7 @@ from stiffscope.gap.inference.plausibility import (
 )
 from stiffscope.gap.inference.posterior_samples import draw_internal, draw_samples
 from stiffscope.gap.inference.residuals import percent_rms, rms_by_kind
-from stiffscope.gap.inference.settings import VERDICT
+from stiffscope.gap.inference.settings import GROUPS, VERDICT
 from stiffscope.gap.inference.verdict import (
     adds_little,
     doubtful,
@@ -394,7 +393,7 @@ def _alternatives(found: Findings, best: Hypothesis | None) -> tuple[Alternative
             break
         if not h.names or whole or any(c.is_nuisance for c in h.candidates):
             continue
-        if len(h.names) > 1 and p < COMPETING:
+        if len(h.names) > 1 and p < GROUPS.competing:
             continue
         behind = found.best.evidence - h.evidence
         alone = found.fit_plainly(h)

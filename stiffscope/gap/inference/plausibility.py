@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.gap.inference.hypothesis import bound_parameters, positive_of, split
+from stiffscope.gap.inference.settings import PLAUSIBLE
 
 if TYPE_CHECKING:
     from stiffscope.gap.forward.forward_model import Candidate
@@ -14,13 +15,7 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array
 
 
-SIGNIFICANT = (
-    3.0  # least significant deviation from the plausible range, standard deviations
-)
-_DISTANCES = np.linspace(0.05, 1.0, 20) * SIGNIFICANT
-_SENSIBLE = (
-    3.0  # times its range: largest uncertainty of a parameter that says anything
-)
+_DISTANCES = np.linspace(0.05, 1.0, 20) * PLAUSIBLE.significant
 
 
 def physical_sigma(candidate: Candidate, internal: Array, covariance: Array) -> Array:
@@ -56,7 +51,12 @@ def plausible(
     """
     known = zip(values, sigma, ranges or candidate.plausible, strict=True)
     rows = (
-        (v, SIGNIFICANT * s if s < _SENSIBLE * (high - low) else 0.0, low, high)
+        (
+            v,
+            PLAUSIBLE.significant * s if s < PLAUSIBLE.sensible * (high - low) else 0.0,
+            low,
+            high,
+        )
         for v, s, (low, high) in known
     )
     return [bool(low - away <= v <= high + away) for v, away, low, high in rows]
@@ -104,7 +104,7 @@ def find_plausible(hypothesis: Hypothesis) -> tuple[Array, float] | None:
     """Return near internal parameters (k,) that are plausible, and the ln of evidence that they cost.
 
     A mass that readings hardly show may be zero in a fit, and its centre anywhere. A positive parameter is
-    therefore increased by at most `SIGNIFICANT` standard deviations, with the others at their expectation for
+    therefore increased by at most `PLAUSIBLE.significant` standard deviations, with the others at their expectation for
     that value. None if the fit is plausible, or if none of these are. Where none is plausible, a possible one.
     """
     return _find_within(hypothesis, False) or _find_within(hypothesis, True)

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.gap.inference.findings import CONFIDENT
 from stiffscope.gap.inference.lack_of_fit import lack_of_fit, model_errors
 from stiffscope.gap.inference.plausibility import implausible, impossible
-from stiffscope.gap.inference.settings import VERDICT
+from stiffscope.gap.inference.settings import GROUPS, VERDICT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -39,7 +38,7 @@ class Judgement:
 def judge_findings(found: Findings) -> Judgement:
     """Return the verdict.
 
-    An effect is certain if it, or its group, has the probability `CONFIDENT`, mostly by known effects
+    An effect is certain if it, or its group, has the probability `GROUPS.confident`, mostly by known effects
     and by the readings rather than prior odds, plausible parameters, and explains part of the gap.
     None is if the likeliest set, or its certain effects, leave a greater χ² than no effect. With
     certain effects the verdict is "identified" if they reduce the gap to the noise, and "partly"
@@ -109,7 +108,7 @@ def _find_certain(found: Findings) -> tuple[list[Candidate], list[str], list[str
     unsettled = [
         f"{found.find_instead(name)} fits about as well as {name}"
         for name, group in groups.items()
-        if group.doubted < CONFIDENT <= group.probability
+        if group.doubted < GROUPS.confident <= group.probability
     ]
     probable = [
         c
@@ -189,7 +188,7 @@ def _judge(
         main = found.group(_main(found, kept))
         verdict = (
             "identified"
-            if main.known >= CONFIDENT and not main.elsewhere
+            if main.known >= GROUPS.confident and not main.elsewhere
             else "ambiguous"
         )
     remarks = (
@@ -315,7 +314,7 @@ def _left_by_one(change: Array, columns: Array, other: Candidate) -> float:
 
 def _certain(group: Group) -> bool:
     """Return whether a group is certain, and known effects are more likely than not."""
-    return group.doubted >= CONFIDENT and group.known > VERDICT.majority
+    return group.doubted >= GROUPS.confident and group.known > VERDICT.majority
 
 
 def _bends(found: Findings, candidate: Candidate) -> bool:
@@ -335,7 +334,7 @@ def _pattern_beside(found: Findings, kept: Hypothesis) -> bool:
     """Return whether a nuisance pattern is also certain and exceeds small model errors."""
     unnamed = sum(p for h, p in found.ranked if len(h.words) < len(h.candidates))
     excess = found.chi2(kept) - found.chi2(found.best)
-    return unnamed >= CONFIDENT and excess > model_errors(found, kept)
+    return unnamed >= GROUPS.confident and excess > model_errors(found, kept)
 
 
 def _imitations(found: Findings, names: frozenset[str]) -> Iterator[str]:
