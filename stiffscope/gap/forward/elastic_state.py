@@ -53,6 +53,8 @@ class ElasticState:
     at: RobotAtPoses
     changes: tuple[Changes, ...] = ()
     payloads: tuple[Payload, ...] = ()
+    weighs: bool = True
+    """Whether weight acts on the payloads."""
     _nodes: dict[str, Array] = field(default_factory=dict[str, Any], compare=False)
     _wrenches: dict[str, Array] = field(default_factory=dict[str, Any], compare=False)
 
@@ -100,7 +102,11 @@ class ElasticState:
             return self.at.response
         order = find_order(self.mechanism, self.at.configurations.linkage)
         return solve_loads(
-            order, where, self.at.unit_loads(where, self.mechanism, self.payloads)
+            order,
+            where,
+            self.at.unit_loads(
+                where, self.mechanism, self.payloads, weighs=self.weighs
+            ),
         )
 
     @cached_property
@@ -161,10 +167,10 @@ class ElasticState:
             across = across - motion(sensor.against)
         return self._at_every_pose(across)
 
-    def weights(self, payloads: Sequence[Payload]) -> Array:
-        """Return the wrenches (p or 1, 6, k) of payloads' weights, at M in base axes."""
+    def weights(self, payloads: Sequence[Payload], *, weighs: bool) -> Array:
+        """Return the wrenches (p or 1, 6, k) of payloads' weights and pulls, at M in base axes."""
         where = self.places
-        gravity = self.at.mechanism.gravity
+        gravity = float(weighs) * self.at.mechanism.gravity
         return np.stack(
             [find_weight(payload, where, gravity) for payload in payloads], axis=2
         )

@@ -299,7 +299,12 @@ class RobotAtPoses:
         return True
 
     def unit_loads(
-        self, where: Places, mechanism: Mechanism, payloads: Sequence[Payload]
+        self,
+        where: Places,
+        mechanism: Mechanism,
+        payloads: Sequence[Payload],
+        *,
+        weighs: bool = True,
     ) -> Loads:
         """Return all terminals as loads (n or 1, 6, cases) on nodes, at M in base axes."""
         c = self.campaign
@@ -332,7 +337,7 @@ class RobotAtPoses:
         for payload in payloads:
             add(
                 payload.body,
-                find_weight(payload, where, mechanism.gravity),
+                find_weight(payload, where, float(weighs) * mechanism.gravity),
                 self.weight_case + 1,
             )
         for wrench in nodes.values():
