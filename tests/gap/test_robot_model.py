@@ -531,8 +531,8 @@ def test_a_fit_without_mass_moves_to_the_nearest_plausible_one_along_its_ridge(
         ("kg", "m"),
         (0.2, 0.05),
         ((0.0, 3.0), (-0.6, 0.6)),
-        (0.0, np.inf),
-        lambda u: np.array([u[0], u[1] / max(u[0], 1e-9)]),
+        bounds=(0.0, np.inf),
+        physical=lambda u: np.array([u[0], u[1] / max(u[0], 1e-9)]),
         couplings=1,
     )
     ridge = np.array([1.0, -0.5])
