@@ -12,6 +12,7 @@ from stiffscope.errors import InputError
 from stiffscope.gap.campaign.kinds import MODE_OF, SPARE_MODES_OF
 from stiffscope.gap.effects.elements import add_payloads, change_elements
 from stiffscope.gap.forward import robot_at_poses
+from stiffscope.gap.forward.inner_points import InnerPoint, inner_point, twists_at
 from stiffscope.gap.forward.terminals import (
     find_inertial_forces,
     find_weight,
@@ -163,6 +164,12 @@ class ElasticState:
             return back @ self._node(FOOT if node == GROUND else node)
 
         across = motion(sensor.body)
+        inner = inner_point(self.mechanism, sensor)
+        if inner is not None:
+            bent = inner.spread(where) @ (
+                self._node(inner.tip) - self._node(inner.base)
+            )
+            across = across + twists_at(where, inner.base, np.array(sensor.at)) @ bent
         if sensor.against != GROUND:
             across = across - motion(sensor.against)
         return self._at_every_pose(across)
@@ -331,6 +338,9 @@ def measure_motion(
     sensor = campaign.sensors[number]
     body = FOOT if sensor.body == GROUND else sensor.body
     across = _go(there, rest, body, np.array(sensor.at))
+    inner = inner_point(mechanism, sensor)
+    if inner is not None:
+        across = across + _go_within(there, rest, inner, np.array(sensor.at))
     if sensor.against == GROUND:
         return across
     point = rest.point(body, np.array(sensor.at))  # carried by the sensor's mount
@@ -346,6 +356,15 @@ def _go(there: Places, rest: Places, node: str, home: Array) -> Array:
     away = there.point(node, home) - rest.point(node, home)
     turn = there.rotation[node] @ np.swapaxes(rest.rotation[node], -1, -2)
     return _join(away, rotation_vector(turn))
+
+
+def _go_within(there: Places, rest: Places, inner: InnerPoint, home: Array) -> Array:
+    """Return what displaced ends of an elastic body add (n, 6) to a point (3,) between them."""
+    end = inner.elastic.tip
+    moved = _go(there, rest, inner.tip, end) - _go(there, rest, inner.base, end)
+    at_m = np.linalg.solve(twists_at(rest, inner.tip, end), moved[..., None])
+    at_point = twists_at(rest, inner.base, home)
+    return (at_point @ inner.spread(rest) @ at_m)[..., 0]
 
 
 def _join(shift: Array, turn: Array) -> Array:
