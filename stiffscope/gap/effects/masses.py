@@ -51,6 +51,8 @@ class Gravity(Effect):
 
 _NONE = -1.0  # relative change to a massless body
 _HEAVIEST = 50.0
+_ALL = "robot"
+_COMPENSATED = 0.5  # usual share of the weight that springs or counterweights carry
 
 
 @dataclass(frozen=True)
@@ -68,10 +70,15 @@ class Mass(Effect):
 
     stated: tuple[Payload, ...]
     """Masses of the bodies as stated in the robot file."""
+    sense: float = 1.0
+    """Relative change of the masses per internal parameter."""
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """Yield point masses of bodies and sets, within tolerances; none without gravity."""
+        """Yield point masses of bodies and sets, within tolerances; none without gravity.
+
+        Springs or a counterweight may carry a share of the whole robot's weight.
+        """
         robot = setting.robot
         if not robot.mechanism.gravity.any():
             return
@@ -92,13 +99,28 @@ class Mass(Effect):
             yield effect.make_candidate(
                 place, (prior,), bounds=bounds, stated=most < np.inf
             )
+        guessed = [name for name in heavy if stated[name] == np.inf]
+        if len(guessed) == len(heavy) > 1:
+            every = tuple(part for parts in heavy.values() for part in parts)
+            yield cls(every, -1.0).make_candidate(
+                Place(_ALL, tuple(heavy)),
+                (known._replace(size=_COMPENSATED, low=0.0, high=1.0),),
+                bounds=(0.0, 1.0),
+                physical=_leave,
+                internal=_leave,
+            )
 
     def influence(self, values: Array) -> Influence:
         """Return the changes of mass as payloads."""
-        growth = float(values[0])
+        growth = self.sense * float(values[0])
         return Influence(
             payloads=tuple(replace(p, mass=growth * p.mass) for p in self.stated)
         )
+
+
+def _leave(share: Array) -> Array:
+    """Return the share of weight that a compensated share leaves, and the other way round."""
+    return 1.0 - np.asarray(share)
 
 
 def find_masses(robot: NominalRobot) -> dict[str, tuple[Payload, ...]]:
