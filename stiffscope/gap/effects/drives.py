@@ -233,7 +233,7 @@ class PreloadLoss(Effect):
     parameters = (
         Parameter("load", "N", 0.5, 0.0, 1.0),
         Parameter("factor", "1", 1.0, 0.05, 20.0),
-        Parameter("start", "1", 1.0, 0.05, 20.0),
+        Parameter("start", "1", 1.0, 0.05, 2.0),  # as of any drive
     )
     bounds = FACTOR
     blames = True
