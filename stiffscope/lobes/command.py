@@ -14,7 +14,8 @@ from stiffscope.cli.output import emit
 from stiffscope.cli.poses import find_poses
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.lobes import show
-from stiffscope.lobes.chatter import cutting_of, find_lobes, lobes_section
+from stiffscope.lobes.chatter import check_cut, find_lobes
+from stiffscope.lobes.damping import lobes_section
 from stiffscope.path.job import load_job
 from stiffscope.report.progress import progress
 from stiffscope.statics.command.poses import assemble
@@ -49,7 +50,7 @@ def lobes(name: Path, *, poses: Texts, robot: str | None, output: Output) -> Non
     the lobes with their bands, the path coloured by its margin, tables and a report.
     """
     job = load_job(name, robot)
-    cutting_of(job)
+    check_cut(job)
     names = poses or lobes_section(job).poses
     asked = find_poses(job.robot, names, ()) if names else None
     manifest = manifest_of(job.robot, job.file)

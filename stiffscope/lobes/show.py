@@ -81,7 +81,7 @@ def _limits_json(state: Stability) -> dict[str, Any]:
         "critical_low": _bounded(state.critical_low),
         "critical_high": _bounded(state.critical_high),
         "limit": _bounded(state.limit),
-        "coupling": _bounded(state.critical.coupling),
+        "coupling": _bounded(state.coupling),
         "chatter": state.chatter,
         "mode": state.mode,
     }
@@ -184,7 +184,7 @@ def show_limits(names: Sequence[str], state: Stability) -> None:
                 f"{low} to {high}",
                 f"{state.chatter[k]:.4g}",
                 f"{state.mode[k]:.4g}",
-                _mm(state.critical.coupling[k]),
+                _mm(state.coupling[k]),
             )
         )
     columns = [
