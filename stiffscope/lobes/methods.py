@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
+from dataclasses import fields
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 Method = Literal["zero-order", "all-harmonics"]
 
 _A_LOBE = 6  # speeds for each lobe of the fastest mode, in the search for the worst
-_FEWEST = 16
-_MOST = 160
+_DENSE = 25  # speeds for each factor e of the range, at least
+_MOST = 240
 _ZOOMS = 2
 _SPLITS = 4  # speeds in each
 _STRIDE = 16  # speeds between those of a sweep that are always solved
@@ -168,30 +168,25 @@ def worst_limits(
 ) -> Limits:
     """Return the limits (n,) at the worst speed of a range, rev/s, at each pose.
 
-    With all harmonics the range is sampled evenly in the tooth period, in which lobes are evenly
-    spaced, and then more finely around its least depth.
+    With all harmonics the range is sampled, and then more finely around its least depth.
     """
     if method == "zero-order":
         return find_critical(response, cut, ends)
     n = len(response)
     poses = np.arange(n)
     scale = depth_scale(response, cut)
-    fastest = response.rates[response.matters].max() / (2.0 * np.pi * cut.teeth)
-    lobes = fastest * (1.0 / ends[0] - 1.0 / ends[1])
-    count = int(np.clip(_A_LOBE * lobes, _FEWEST, _MOST))
-    inverse = np.linspace(1.0 / ends[1], 1.0 / ends[0], count)
-    inverse = np.broadcast_to(inverse, (n, count))
+    fastest = response.rates[response.matters].max() / (2.0 * np.pi)
+    dense = max(_DENSE, _A_LOBE * fastest / (cut.teeth * ends[0]))
+    count = int(np.clip(dense * np.log(ends[1] / ends[0]), 8, _MOST))
+    speeds = np.broadcast_to(np.geomspace(*ends, count), (n, count))
     share = np.linspace(0.0, 1.0, _SPLITS + 2)[1:-1]
     for _ in range(_ZOOMS + 1):
-        pose = np.repeat(poses, inverse.shape[1])
-        speeds = 1.0 / inverse.ravel()
-        depth = interrupted_depths(response[pose], cut, speeds, scale[pose])
-        best = depth.reshape(inverse.shape).argmin(axis=1)
-        low = inverse[poses, np.maximum(best - 1, 0)]
-        high = inverse[poses, np.minimum(best + 1, inverse.shape[1] - 1)]
-        worst = inverse[poses, best]
+        pose = np.repeat(poses, speeds.shape[1])
+        depth = interrupted_depths(response[pose], cut, speeds.ravel(), scale[pose])
+        best = depth.reshape(speeds.shape).argmin(axis=1)
+        low = speeds[poses, np.maximum(best - 1, 0)]
+        high = speeds[poses, np.minimum(best + 1, speeds.shape[1] - 1)]
+        worst = speeds[poses, best]
         finer = low[:, None] + (high - low)[:, None] * share
-        inverse = np.concatenate([worst[:, None], finer], axis=1)
-        inverse = np.sort(inverse, axis=1)
-    found = interrupted_limits(response, cut, 1.0 / worst, scale)
-    return replace(found, speed=1.0 / worst)
+        speeds = np.sort(np.concatenate([worst[:, None], finer], axis=1), axis=1)
+    return interrupted_limits(response, cut, worst, scale)
