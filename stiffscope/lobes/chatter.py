@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import name_robot
@@ -42,6 +43,7 @@ MOST_POINTS = 2000  # of a path at which limits are computed
 FEW_POINTS = 200  # of a path, in each design of a study
 STATIONS = 3  # poses of the lobes along a path, besides the worst
 _CHUNK = 256  # poses at a time
+_ALIKE = 9  # neighbouring speeds, the median of whose bands counts
 _ADVISED = 3  # speeds
 _APART = 0.03  # of the range of speeds between two of them
 
@@ -317,7 +319,10 @@ def find_lobes(
         if progress is not None:
             progress("lobes", min(1.0, (start + _CHUNK // 8) / len(found)))
     lobes = join_limits(parts)
-    width = relative_error(lobes, response, section.kt_error)
+    # where two lobes meet, changes of first order diverge
+    width = median_filter(
+        relative_error(lobes, response, section.kt_error), (1, _ALIKE), mode="nearest"
+    )
     low = lobes.depth * np.exp(-width)
     high = lobes.depth * np.exp(width)
     worst = int(np.argmin(here.critical.depth))

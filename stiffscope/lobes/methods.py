@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 Method = Literal["zero-order", "all-harmonics"]
 
 _A_LOBE = 6  # speeds for each lobe of the fastest mode, in the search for the worst
-_DENSE = 25  # speeds for each factor e of the range, at least
+_RESONANCE = 1.5  # damping ratios between two speeds, at most
 _MOST = 240
 _ZOOMS = 2
 _SPLITS = 4  # speeds in each
@@ -176,7 +176,9 @@ def worst_limits(
     poses = np.arange(n)
     scale = depth_scale(response, cut)
     fastest = response.rates[response.matters].max() / (2.0 * np.pi)
-    dense = max(_DENSE, _A_LOBE * fastest / (cut.teeth * ends[0]))
+    sharpest = response.damping[response.matters].min()
+    dense = 1.0 / (_RESONANCE * sharpest)
+    dense = max(dense, _A_LOBE * fastest / (cut.teeth * ends[0]))
     count = int(np.clip(dense * np.log(ends[1] / ends[0]), 8, _MOST))
     speeds = np.broadcast_to(np.geomspace(*ends, count), (n, count))
     share = np.linspace(0.0, 1.0, _SPLITS + 2)[1:-1]

@@ -374,7 +374,8 @@ def _draw_margin(found: Lobes) -> Figure:
     left.set_aspect("equal")
     left.set_xlabel(f"{'xyz'[across]} (mm)")
     left.set_ylabel(f"{'xyz'[up]} (mm)")
-    left.legend(frameon=False, loc="upper right")
+    above: Any = {"frameon": False, "fontsize": 9, "loc": "lower left"}
+    left.legend(bbox_to_anchor=(0.0, 1.0), **above)
     bar = drawn.colorbar(lines, ax=left, shrink=0.8, location="bottom", pad=0.02)
     ticks = np.array([t for t in bar.get_ticks() if low <= t <= high])
     bar.set_ticks(list(ticks), labels=[f"{10**t:.2g}" for t in ticks])
@@ -397,7 +398,7 @@ def _draw_margin(found: Lobes) -> Figure:
         np.minimum(1e3 * along.critical.depth[some], cap),
         color=BEFORE,
         lw=1.2,
-        label="at all speeds, with 95 % band",
+        label="at all speeds, 95 % band",
     )
     right.plot(length, limit, color=AFTER, lw=1.4, label=f"at {speed:.0f} rpm")
     right.axhline(
@@ -406,7 +407,7 @@ def _draw_margin(found: Lobes) -> Figure:
     right.set_yscale("log")
     right.set_xlabel("length along the path (mm)")
     right.set_ylabel("stable depth of cut (mm)")
-    right.legend(frameon=False, fontsize=9)
+    right.legend(bbox_to_anchor=(0.0, 1.0), ncols=3, **above)
     right.grid(color="#e3e7eb", lw=0.6)
     right.spines[["top", "right"]].set_visible(False)
     return drawn

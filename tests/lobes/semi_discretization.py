@@ -21,7 +21,7 @@ def largest_multiplier(
     normal,
     speed,
     depth,
-    steps=120,
+    steps=500,
 ):
     """Return the largest modulus of the multipliers over one tooth period.
 
@@ -56,11 +56,7 @@ def largest_multiplier(
         system = np.array([[0.0, 1.0], [-(rate**2) - force, -2.0 * damping * rate]])
         move = expm(system * step)
         drive = (move - np.eye(2)) @ np.linalg.solve(system, np.array([0.0, force]))
-        one = np.zeros((size, size))
-        one[:2, :2] = move
-        one[:2, -1] = 0.5 * drive
-        one[:2, -2] = 0.5 * drive
-        one[2, 0] = 1.0
-        one[np.arange(3, size), np.arange(2, size - 1)] = 1.0
-        whole = one @ whole
+        delayed = 0.5 * (whole[-1] + whole[-2])
+        now = move @ whole[:2] + np.outer(drive, delayed)
+        whole = np.concatenate([now, whole[:1], whole[2:-1]])
     return np.abs(np.linalg.eigvals(whole)).max()

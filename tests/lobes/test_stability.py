@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import brentq
 
 from stiffscope.lobes.bands import relative_error
-from stiffscope.lobes.engagement import milling, one_direction
+from stiffscope.lobes.engagement import milling, one_direction, turning
 from stiffscope.lobes.floquet import is_stable
 from stiffscope.lobes.methods import limits_at, sweep_limits, worst_limits
 from stiffscope.lobes.zero_order import (
@@ -88,7 +88,7 @@ def test_all_harmonics_of_constant_coefficients_are_the_zero_order_solution():
 
 
 @pytest.mark.parametrize("width", [10e-3, 3e-3, 0.5e-3])
-@pytest.mark.parametrize("speed", [50.0, 5000.0 / 60.0, 190.0])
+@pytest.mark.parametrize("speed", [5000.0 / 60.0, 190.0])
 def test_limits_of_interrupted_cuts_are_those_of_semi_discretization(width, speed):
     # machine of Insperger and Stépán: one mode of 922 Hz, 1.1 %, 0.03993 kg along the feed; two
     # teeth, 6e8 and 2e8 N/m²
@@ -171,6 +171,113 @@ def test_simulations_in_the_time_domain_agree(teeth, width, climb):
     assert 20 <= sum(told) <= 80
 
 
+@pytest.mark.extended
+def test_simulations_of_turning_agree():
+    rng = np.random.default_rng(1)
+    lead = np.deg2rad(75.0)
+    cut = turning(stiffness=1e9, radial=0.4, lead=lead, side=-1.0)
+    # feed along x, the workpiece passes against y; thrust against the chip's normal
+    normal = np.array([np.sin(lead), 0.0])
+    force = np.array([-0.4 * np.sin(lead), -1.0]) / np.sin(lead)
+    agreed = 0
+    told = []
+    for _ in range(4):
+        response = flexible(rng)
+        points = _points(rng, response, cut, 25)
+        speed, depth, stable = (np.array(each) for each in zip(*points, strict=True))
+        full = np.ones(len(points))
+        cuts = {
+            "teeth": full,
+            "kt": 1e9 * full,
+            "normal": normal,
+            "force": force,
+            "speed": speed,
+            "depth": depth,
+        }
+        grown = grows(
+            response.rates[0], response.damping[0], response.shapes[0, :2], cuts
+        )
+        agreed += int((grown != stable).sum())
+        told += list(stable)
+    assert agreed >= 98
+    assert 20 <= sum(told) <= 80
+
+
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_turning_by_one_mode_has_the_closed_limit(side):
+    # one mode along d: λ = (n·d)(d·c) / ..., so that b = 2 k ζ (1 + ζ) / (K (-(n·d)(d·c)))
+    lead = np.deg2rad(60.0)
+    along = np.array([np.cos(0.4), side * np.sin(0.4), 0.0])
+    shape = 600.0 * np.pi / np.sqrt(2e7) * along
+    response = machine([300.0], 0.025, shape[:, None])
+    cut = turning(stiffness=1.4e9, radial=0.5, lead=lead, side=side)
+    found = find_critical(response, cut)
+    chip = np.sin(lead) * np.cos(0.4)
+    # tangential force along y, thrust against the normal; the edge is longer by 1 / sin κ
+    push = (0.5 * np.sin(lead) * np.cos(0.4) - np.sin(0.4)) / np.sin(lead)
+    if push > 0.0:
+        expected = 4e7 * 0.025 * 1.025 / (1.4e9 * chip * push)
+    else:  # positive feedback: the limit is that of the least real part
+        expected = 4e7 * 0.025 * 0.975 / (1.4e9 * chip * -push)
+    assert found.depth[0] == pytest.approx(expected, rel=1e-6)
+
+
+def test_lobes_of_a_textbook_shaper_are_as_published():
+    # Y. Altintas, Manufacturing Automation, 2nd ed., Cambridge 2012, p. 131: a shaper with two
+    # modes 30° and -45° from the cutting direction, Kf = 1000 N/mm². The lobes were published by
+    # the Manufacturing Automation Laboratory, University of British Columbia (J. Li, repository
+    # leekunhwee/Dynamics, Cutting/Stability/FrequencyDomain/Turning/Two DOF Example/Lobe.png);
+    # depths at the bottom of both lobes were read from the picture, whose pixel is 0.22 mm and
+    # 33 rpm, to a quarter of a pixel.
+    angles = np.deg2rad([30.0, -45.0])
+    rates = 2.0 * np.pi * np.array([250.0, 150.0])
+    directions = np.stack([np.cos(angles), np.sin(angles), 0.0 * angles])
+    response = machine(
+        [250.0, 150.0],
+        [0.012, 0.01],
+        directions * rates / np.sqrt([2.26e8, 2.13e8]),
+    )
+    cut = one_direction(1e9, (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
+    for speed, depth in ((8676.0, 7.215e-3), (11865.0, 9.487e-3)):
+        speeds = np.linspace(0.9 * speed, 1.1 * speed, 401) / 60.0
+        lobes = zero_order_limits(response, cut, speeds).depth[0]
+        best = lobes.argmin()
+        assert lobes[best] == pytest.approx(depth, rel=0.01)
+        assert 60.0 * speeds[best] == pytest.approx(speed, rel=0.01)
+
+
+@pytest.mark.extended
+def test_modes_couple_from_the_same_depth_in_the_time_domain():
+    # low-frequency chatter: no wave is left by the tooth before
+    across = np.sqrt(0.5) * np.array([[1.0, 1.0], [1.0, -1.0], [0.0, 0.0]])
+    response = machine([20.0, 22.0], 0.03, across * 0.3)
+    cut = milling(teeth=4, width=10e-3, diameter=10e-3, stiffness=7e8)
+    depth = find_coupling(response, cut)[0]
+    assert np.isfinite(depth)
+    share = np.array([0.9, 0.97, 1.03, 1.1])
+    full = np.ones(len(share))
+    cuts = {
+        "teeth": 4 * full,
+        "start": 0.0 * full,
+        "end": np.pi * full,
+        "kt": 7e8 * full,
+        "kr": 0.3 * full,
+        "speed": 40.0 * full,
+        "depth": depth * share,
+    }
+    grown = grows(
+        response.rates[0],
+        response.damping[0],
+        response.shapes[0, :2],
+        cuts,
+        waves=False,
+    )
+    assert grown.tolist() == [False, False, True, True]
+    # the diagonal of the response alone would never couple
+    alone = machine([20.0, 22.0], 0.03, np.array([[0.3, 0.0], [0.0, 0.3], [0.0, 0.0]]))
+    assert find_coupling(alone, cut)[0] > depth
+
+
 def test_modes_across_each_other_chatter_without_waves():
     # two equal modes at 45° and 0.1 of frequency apart couple by the tangential force
     across = np.sqrt(0.5) * np.array([[1.0, 1.0], [1.0, -1.0], [0.0, 0.0]])
@@ -209,6 +316,7 @@ def _spread(bound):
     return np.log1p(bound) / 1.96
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("name", CUTS)
 def test_bands_hold_95_per_cent_of_planted_machines(name):
     rng = np.random.default_rng(12)
