@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.runtime.threads import in_one_thread
 from stiffscope.vjm.vibration.modal_model import solve_all_modes
 
 if TYPE_CHECKING:
@@ -64,6 +65,7 @@ class ModalPorts:
         return np.sqrt(squares) / (2.0 * np.pi)
 
 
+@in_one_thread
 def expand_ports(
     mechanism: Mechanism,
     found: Configurations,

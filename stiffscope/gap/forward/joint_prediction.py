@@ -10,18 +10,15 @@ import numpy as np
 
 from stiffscope.gap.effects.effect import Payload
 from stiffscope.gap.forward.response_state import ResponseState
-from stiffscope.gap.forward.robot_prediction import Pattern, find_steps
-from stiffscope.gap.forward.slopes import find_rates
+from stiffscope.gap.forward.robot_prediction import Pattern
 from stiffscope.vjm.vibration.coordinates import PointMass, PointSpring
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.campaign.response_lines import ResponseBlock
     from stiffscope.gap.effects.effect import Candidate
     from stiffscope.gap.forward.robot_prediction import RobotPrediction
-    from stiffscope.gap.forward.slopes import Step
+    from stiffscope.gap.forward.slopes import Step, Steps
     from stiffscope.runtime.types import Array
 
 
@@ -105,21 +102,20 @@ class JointPrediction:
                     for block in self.blocks
                 ]
             else:
-                steps = find_steps(self.readings, candidate)
+                steps = self.readings.find_steps(candidate)
                 parts += [self._derive(state, steps) for state in self.states]
             self._columns[key] = candidate, np.concatenate(parts)
         return self._columns[key][1]
 
-    def _derive(self, state: ResponseState, steps: Sequence[Step]) -> Array:
+    def _derive(self, state: ResponseState, moved: Steps) -> Array:
         """Return derivatives (n, k) of a block's readings by k parameters of one effect."""
+        steps = moved.each
         count = len(steps)
         softer = dict[str, "Array"]()
         stiffer = dict[str, "Array"]()
-        for name in dict.fromkeys(
-            name for ahead, _, _ in steps for name in ahead.elements
-        ):
+        for name in moved.elements:
             for kind, into in (("compliance", softer), ("spring", stiffer)):
-                mine, rates = find_rates(steps, name, kind)
+                mine, rates = moved.find_rates(name, kind)
                 if len(mine):
                     whole = np.zeros((count, *rates.shape[1:]))
                     whole[mine] = rates
@@ -172,7 +168,7 @@ def _find_payloads(step: Step) -> list[Payload]:
         inertia = None
         if more.inertia is not None and less.inertia is not None:
             inertia = (more.inertia - less.inertia) / width
-        out.append(Payload(more.body, more.at, mass, moments, inertia))
+        out.append(Payload(more.body, more.at, mass, moments, inertia=inertia))
     return out
 
 
