@@ -54,6 +54,7 @@ from stiffscope.gap.inference.verdict import (
     shares,
 )
 from stiffscope.gap.planning.next_reading import find_next
+from stiffscope.gap.response_modes import describe_responses
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -156,6 +157,8 @@ def conclude(found: Findings) -> Diagnosis:
     residual = found.held_out_residual(reported)
     check, held_out = _check(found, reported, residual)
     gap = _gap(found, reported, residual)
+    responses, gaps = describe_responses(found, reported)
+    gap = replace(gap, absolute={**gap.absolute, **gaps})
     beyond = judgement.verdict in {"partly", "unexplained"}
     together = correlation(found, reported)
     listed = 1.0 - VERDICT.unlisted if judgement.verdict == "unexplained" else 1.0
@@ -203,6 +206,7 @@ def conclude(found: Findings) -> Diagnosis:
         beside=tuple(
             _describe(found, joint, reported, c, [(joint, 1.0)]) for c in beside
         ),
+        responses=responses,
         drives=list_drives(found, joint if effects else found.none, left),
     )
 

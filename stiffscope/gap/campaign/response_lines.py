@@ -152,7 +152,7 @@ def _find_lines(
     del width
     responses = measured.responses
     hertz = responses[0].frequency
-    lines = _thin(hertz, hertz[_find_peaks(responses)], damping, settings.spread)
+    lines = _thin(hertz, hertz[find_peaks(responses)], damping, settings.spread)
     value = np.array([response.receptance[lines] for response in responses])
     return ResponseBlock(
         measured=measured,
@@ -196,7 +196,7 @@ def _find_means(
     )
 
 
-def _find_peaks(responses: Sequence[Response]) -> Indices:
+def find_peaks(responses: Sequence[Response]) -> Indices:
     """Return the lines with a resonance in the rms level of all responses."""
     levels = [
         np.abs(response.receptance) / np.median(np.abs(response.receptance))

@@ -184,6 +184,9 @@ class FitTestSettings:
     """Degrees of freedom of a noise that is known."""
     observable: float = 0.05
     """Least fraction of the mean of a group that the fit leaves."""
+    missed: float = 2.0
+    """χ² per line of a response from which no effect is certain: resonances beside the measured
+    ones, which any set of effects follows in part."""
 
 
 TESTS = FitTestSettings()
