@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, say_count
 from stiffscope.runtime.threads import in_one_thread
 from stiffscope.vjm.kinematics.configurations import configure
 from stiffscope.vjm.kinematics.datasets import Labelled, make_dataset
@@ -399,7 +399,7 @@ def _say_few(
     massless: bool,
 ) -> None:
     """Add a remark on why there are fewer modes than requested. InputError if there is none."""
-    few = f"{most} modes, not {count}: all else is rigid"
+    few = f"{say_count(most, 'mode')}, not {count}: all else is rigid"
     if most and not massless:
         remarks[few] = None
         return
