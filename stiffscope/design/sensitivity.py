@@ -17,6 +17,7 @@ import numpy as np
 
 from stiffscope.design.responses import FREE, MOST_MODES
 from stiffscope.errors import InputError
+from stiffscope.experiments.masses import mass_of_solids
 from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.parameters import parameters
