@@ -135,7 +135,7 @@ WRONG = {
     ),
     "a pose of another robot": (
         {"joints = {}": 'pose = "Q1"'},
-        "responses.tap.pose: expected home or",
+        "responses.tap.pose: expected one of",
     ),
     "a drive that is none": (
         {"joints = {}": "joints = { J9 = 1 }"},
