@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -13,6 +14,7 @@ from stiffscope.gap.campaign.quantities import AXES, JOINT, QUANTITIES, WRENCH
 from stiffscope.gap.campaign.response_header import ResponseSetup, read_setup
 from stiffscope.gap.effects.instruments import INSTRUMENT, ROTATION, TRANSLATION
 from stiffscope.gap.effects.vocabulary import EFFECTS
+from stiffscope.robot.file.description import ENDS
 from stiffscope.robot.file.parse import Source, parse_text
 from stiffscope.robot.file.quantities import (
     LENGTH,
@@ -67,6 +69,7 @@ SENSOR_KEYS = (
     "frame",
     "zero",
 )
+_INSIDE = re.compile(r"(?P<body>.+):(?P<share>\d*\.?\d+)")
 FRAME_KEYS = ("pose", "sigma", "per")
 LOAD_KEYS = ("body", "at")
 _RESERVED = {INSTRUMENT, TRANSLATION, ROTATION, "f", *AXES, *QUANTITIES}
@@ -238,7 +241,15 @@ def _read_sensor(
         section.refuse_others(("at",), message)
     else:
         at = section.point("at")
-    return (Sensor(name, body, direction, at, measures, against, zero),)
+    inside = _INSIDE.fullmatch(body)
+    if inside is None:
+        return (Sensor(name, body, direction, at, measures, against, zero),)
+    share = float(inside["share"])
+    if not 0.0 < share < 1.0:
+        expected = 'expected a place within a body such as "leg1.arm:0.5"'
+        raise section.refuse("body", f"{expected}, got {show_value(body)}")
+    base = f"{inside['body']}.{ENDS[0]}"
+    return (Sensor(name, base, direction, at, measures, against, zero, inside=share),)
 
 
 def _read_target(

@@ -24,7 +24,7 @@ from stiffscope.gap.campaign.keys import (
 from stiffscope.gap.campaign.kinds import KINDS, by_code
 from stiffscope.gap.campaign.kinds.motions import MOVED
 from stiffscope.gap.campaign.quantities import AXES, WRENCH, kind_of, label_pose
-from stiffscope.robot.file.description import GROUND
+from stiffscope.robot.file.description import ENDS, GROUND
 from stiffscope.robot.file.quantities import show_value, to_si
 from stiffscope.runtime.reading import open_file
 from stiffscope.runtime.reading import show_path as shown_path
@@ -418,6 +418,14 @@ def _check_bodies(campaign: Campaign, robot: RobotFile) -> None:
     for sensor in campaign.sensors:
         section = sensor.target or sensor.name
         check(sensor.body, "sensors", section, "body", moves=False)
+        if sensor.inside is not None:
+            check(
+                f"{known[sensor.body]}.{ENDS[1]}",
+                "sensors",
+                section,
+                "body",
+                moves=False,
+            )
         check(sensor.against, "sensors", section, "against", moves=False)
         turns = sensor.body == GROUND and sensor.measures == "rotation"
         if sensor.body == sensor.against and not turns:

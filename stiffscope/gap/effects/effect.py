@@ -199,12 +199,16 @@ class Parameter(NamedTuple):
 
 @dataclass(frozen=True)
 class Payload:
-    """A mass on a body, kg, with first moments (3,), kg·m, about ``at`` (3,), in the home pose."""
+    """A mass on a body, kg, with first moments (3,), kg·m, about ``at`` (3,), in the home pose.
+
+    A constant ``force`` (3,), N, base axes, pulls at the same point, such as that of a cable.
+    """
 
     body: str
     at: Array
     mass: float
     moments: Array
+    force: Array = field(default_factory=lambda: np.zeros(3))
 
 
 class Knee(NamedTuple):

@@ -208,8 +208,20 @@ class ColumnModel:
 
 def _scale(chosen: Flags, places: list[str]) -> Candidate:
     aliases = tuple(f"scale @ {place}" for place in places[1:])
-    known = ("factor",), ("1",), (PRIOR_SCALE,), (PLAUSIBLE,), (-0.9, np.inf), *GROWTH
-    return Candidate("scale", places[0], *known, aliases=aliases, action=chosen)
+    physical, internal = GROWTH
+    return Candidate(
+        effect="scale",
+        place=places[0],
+        names=("factor",),
+        units=("1",),
+        scale=(PRIOR_SCALE,),
+        plausible=(PLAUSIBLE,),
+        bounds=(-0.9, np.inf),
+        physical=physical,
+        internal=internal,
+        aliases=aliases,
+        action=chosen,
+    )
 
 
 def _parameter(derivative: re.Match[str], column: Array, values: Array) -> Candidate:

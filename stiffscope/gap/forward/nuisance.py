@@ -213,9 +213,16 @@ def _make_unnamed(
 ) -> Candidate:
     names = tuple(f"p{k + 1}" for k in range(len(scale)))
     count = len(scale)
-    own = names, ("",) * count, scale, (FREE,) * count
     return Candidate(
-        UNNAMED, place, *own, pattern=kind or place, imitates=True, action=action
+        effect=UNNAMED,
+        place=place,
+        names=names,
+        units=("",) * count,
+        scale=scale,
+        plausible=(FREE,) * count,
+        pattern=kind or place,
+        imitates=True,
+        action=action,
     )
 
 

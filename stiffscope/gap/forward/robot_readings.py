@@ -80,7 +80,7 @@ class RobotReadings(InstrumentReadings):
             payload for each in self.influences for payload in each.payloads
         )
         return (
-            ElasticState(self.at, changes, payloads)
+            ElasticState(self.at, changes, payloads, weighs=self.weighs)
             if changes or payloads
             else self.sound
         )
@@ -389,7 +389,7 @@ class RobotReadings(InstrumentReadings):
     def rest_loads(self) -> Array:
         """Permanent terminal loads (cases,)."""
         out = np.zeros(self.at.cases)
-        out[self.at.weight_case :] = self.gravity, float(self.weighs)
+        out[self.at.weight_case :] = self.gravity, 1.0
         return out
 
     def drive_force(self, drive: str) -> Array:

@@ -177,8 +177,9 @@ class _Equilibria:
             gravity = mechanism.gravity
             for node, mass in lump_masses(mechanism, where).items():
                 add(node, mass.weight(gravity))
-            for payload in r.elastic_state.payloads:
-                add(payload.body, find_weight(payload, where, gravity)[..., None])
+        weight = float(r.weighs) * mechanism.gravity
+        for payload in r.elastic_state.payloads:
+            add(payload.body, find_weight(payload, where, weight)[..., None])
         return nodes
 
     @property

@@ -159,7 +159,7 @@ def _sensor(c: Campaign, k: int) -> dict[str, Any]:
     frame = {"frame": s.frame, "at_sigma": s.at_sigma} if s.absolute else {}
     return {
         "measures": s.measures,
-        "body": s.body,
+        "body": s.place,
         "direction": list(s.direction),
         "against": s.against,
         **frame,
