@@ -149,9 +149,11 @@ class ColumnModel:
         """Return none: predictions have no instruments."""
         del parameters
 
-    def find_equilibria(self, parameters: Parameters) -> None:
+    def find_equilibria(
+        self, parameters: Parameters, rest: Array | None = None
+    ) -> None:
         """Return none: predictions are what they are."""
-        del parameters
+        del parameters, rest
 
     def noise(self) -> Noise:
         """Return the noise: stated, or an unknown factor times the reading or its kind's rms."""
@@ -206,8 +208,20 @@ class ColumnModel:
 
 def _scale(chosen: Flags, places: list[str]) -> Candidate:
     aliases = tuple(f"scale @ {place}" for place in places[1:])
-    known = ("factor",), ("1",), (PRIOR_SCALE,), (PLAUSIBLE,), (-0.9, np.inf), *GROWTH
-    return Candidate("scale", places[0], *known, aliases=aliases, action=chosen)
+    physical, internal = GROWTH
+    return Candidate(
+        effect="scale",
+        place=places[0],
+        names=("factor",),
+        units=("1",),
+        scale=(PRIOR_SCALE,),
+        plausible=(PLAUSIBLE,),
+        bounds=(-0.9, np.inf),
+        physical=physical,
+        internal=internal,
+        aliases=aliases,
+        action=chosen,
+    )
 
 
 def _parameter(derivative: re.Match[str], column: Array, values: Array) -> Candidate:

@@ -106,7 +106,9 @@ def _of_others(prediction: RobotReadings, step: Step) -> Array:
     for more, less in zip(ahead.payloads, behind.payloads, strict=True):
         mass = (more.mass - less.mass) / width
         moments = (more.moments - less.moments) / width
-        out += _of_payload(prediction, Payload(more.body, more.at, mass, moments))
+        force = (more.force - less.force) / width
+        rate = Payload(more.body, more.at, mass, moments, force)
+        out += _of_payload(prediction, rate)
     for drive, size in ahead.dead_zones.items():
         out += (size - behind.dead_zones[drive]) / width * prediction.dead_zone(drive)
     for drive, knee in ahead.knees.items():
@@ -235,11 +237,9 @@ def _of_payload(prediction: RobotReadings, payload: Payload) -> Array:
     """Return derivatives (n,) by a payload's weight, and by its inertia for frequencies."""
     c = prediction.campaign
     elastic = prediction.elastic_state
-    along = elastic.work_on_node(payload.body, elastic.weights([payload]))[
-        ..., 0
-    ]  # (p, cases)
+    weight = elastic.weights([payload], weighs=prediction.weighs)
+    along = elastic.work_on_node(payload.body, weight)[..., 0]  # (p, cases)
     work = np.einsum("nc,nc->n", prediction.sense, along[c.pose])
-    work = work if prediction.weighs else 0.0 * work
     return prediction.ask(
         lambda predictor, rows: predictor.load(prediction, rows, payload, work[rows])
     )

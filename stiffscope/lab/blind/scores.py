@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     Same = Callable[[str], str]
 
-GROUP = 3  # largest group of several effects in which a diagnosis may name the truth
+GROUP = 6  # largest group that a diagnosis lists: beyond, it does not name the truth
 EVIDENT = 10.0  # ln-odds over no effect above which a single effect must be found
 HONEST = 1.2  # largest held-out gap over the noise floor
 TENTHS = 10
@@ -53,7 +53,7 @@ class Outcome:
 
     @property
     def right(self) -> bool:
-        """Whether the diagnosis is correct, each effect itself or in its group."""
+        """Whether the diagnosis is correct, each effect itself or in a group of at most six."""
         if self.kind == "none":
             return self.verdict == "no-gap"
         if self.kind == "outside":
@@ -71,16 +71,11 @@ class Outcome:
 
 
 def _match_effects(truth: set[str], named: list[tuple[str, tuple[str, ...]]]) -> bool:
-    """Return whether every true effect is matched by its own diagnosed effect or its group.
-
-    A group has up to three names, or one effect at any of its places: the set that holds them.
-    """
+    """Return whether every true effect is matched by its own diagnosed effect or small group."""
     if not named:
         return not truth
     name, group = named[0]
-    words = {_word([each]) for each in (name, *group)}
-    is_named = len(group) < GROUP or len(words) == 1
-    fits = {name, *(group if is_named else ())} & truth
+    fits = {name, *(group if len(group) < GROUP else ())} & truth
     return any(_match_effects(truth - {effect}, named[1:]) for effect in fits)
 
 
