@@ -19,7 +19,7 @@ from stiffscope import cad
 from stiffscope.cad.faces import FaceGeometry, face_geometries
 from stiffscope.cad.step import check_file, check_unit, read_alone
 from stiffscope.cad.turned import Turned, turned_form
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, say_count
 from stiffscope.runtime.output import scratch_folder
 from stiffscope.runtime.types import Array
 
@@ -323,9 +323,7 @@ def gather_solids(
                 {"path": each.path, "product": numbers[key], "place": each.place}
             )
     if not instances:
-        what = (
-            f"{len(loose)} shapes that are no closed solid (surfaces, wires or points)"
-        )
+        what = f"{_count_loose(loose)} (surfaces, wires or points)"
         got = what if loose else "none"
         raise InputError(f"{shown}: expected at least one closed solid, got {got}")
     alike = [
@@ -334,9 +332,11 @@ def gather_solids(
     listed = ", ".join(alike[:8]) + (
         f" and {len(alike) - 8} more" if len(alike) > 8 else ""
     )
-    left_out = (
-        [f"{len(loose)} shapes that are no closed solid ({listed}): left out"]
-        if loose
-        else []
-    )
+    left_out = [f"{_count_loose(loose)} ({listed}): left out"] if loose else []
     return solids, {"products": products, "instances": instances, "left_out": left_out}
+
+
+def _count_loose(loose: list[str]) -> str:
+    return say_count(
+        len(loose), "shape that is no closed solid", "shapes that are no closed solid"
+    )

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from stiffscope import cad
 from stiffscope.cad.checks import POINT, direction, is_point, mm, require
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, say_count
 
 if TYPE_CHECKING:
     from stiffscope.cad.kernel import Face, Shape
@@ -323,7 +323,7 @@ def _summary(geometries: Sequence[FaceGeometry]) -> str:
             )
     others = sum(face.kind == "other" for face in geometries)
     words += [f"{others} of other kinds"] if others else []
-    return f"{len(geometries)} faces: {'; '.join(words)} (list them with `stiffscope faces FILE`)"
+    return f"{say_count(len(geometries), 'face')}: {'; '.join(words)} (list them with `stiffscope faces FILE`)"
 
 
 def _few(words: list[str]) -> list[str]:

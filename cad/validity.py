@@ -8,7 +8,7 @@ import numpy as np
 from stiffscope.cad import kernel
 from stiffscope.cad.kernel import Shape, Solid
 from stiffscope.cad.part import open_edges, tessellate, tessellate_closed
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, say_count
 
 log = logging.getLogger(__name__)
 SMALLEST = 1.0
@@ -44,14 +44,14 @@ def valid_solid(shape: Shape, name: str) -> Solid:
         what = f"an assembly of {len(found)} solids"
         raise refuse(what, "one solid (fuse them or export one of them)")
     if not found:
-        surface = f"a surface without volume ({len(faces)} face(s) that bound no solid)"
+        what = say_count(len(faces), "face that bounds", "faces that bound")
+        surface = f"a surface without volume ({what} no solid)"
         raise refuse(surface if faces else "no solid and no face")
     solid = found[0]
     loose = len(faces) - len(kernel.faces(solid))
     if loose:
-        raise refuse(
-            f"{loose} loose face(s) beside the solid", "one solid and nothing else"
-        )
+        beside = f"{say_count(loose, 'loose face')} beside the solid"
+        raise refuse(beside, "one solid and nothing else")
     farthest = np.abs([kernel.position(each) for each in kernel.vertices(solid)]).max(
         initial=0.0
     )
@@ -86,7 +86,7 @@ def _check_surface(solid: Solid, refuse: Callable[..., InputError]) -> None:
     surface = tessellate_closed(solid, 5e-4, 0.8)[:2]
     gaps = open_edges(surface[1])
     if gaps:
-        raise refuse(f"a solid that is not watertight ({gaps} open edges)")
+        raise refuse(f"a solid that is not watertight ({say_count(gaps, 'open edge')})")
     overlap = find_overlap(solid, surface)
     if overlap is not None:
         raise refuse(

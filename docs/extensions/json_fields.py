@@ -116,6 +116,10 @@ LIMITS = {
 }
 RESPONSES = {
     "stiffness": ("[pose][i][j]: stiffness at M", STIFF),
+    "push": (
+        "[pose][i]: 1/C_ii, what a push meets with all other directions free; null if rigid",
+        "N/m, N·m/rad",
+    ),
     "sag": ("[pose]: twist of the tool under the robot's own weight", TWIST),
     "frequency": ("[pose]: first natural frequency, drives held", "Hz"),
     "mass": ("mass of the robot's solids and rigid bodies", "kg"),
@@ -207,7 +211,7 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
         {
             **DATASET,
             "data_vars.*.data": (
-                "grid, null if unreachable: `K_tx` …, `K_tx_loaded` … under own weight, `sag_x` …, `f1` …",
+                "grid, null if unreachable: `K_tx` …, `K_tx_loaded` … (own weight), `push_x` …, `sag_x` …, `f1` …",
                 "`attrs.units`",
             ),
         },
@@ -322,14 +326,14 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
                     f"95 % bounds on the derivative of `{name}`",
                     f"{RESPONSES[name][1]} per `unit`",
                 )
-                for name in ("stiffness", "sag", "frequency")
+                for name in ("stiffness", "push", "sag", "frequency")
             },
             "parameters.*.stiffness_per_kilogram": (
                 "change of `stiffness` per kilogram added by the parameter; null if it adds no mass",
                 "per kg",
             ),
             "scatter": (
-                "95 % bounds of stiffness, sag, frequency and mass from the file's tolerances, if any",
+                "95 % bounds of stiffness, push, sag, frequency and mass from the file's tolerances, if any",
                 RESPONSE,
             ),
             "notes": ("by name: why a parameter has no derivative", ""),
@@ -409,6 +413,10 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             ),
             "bounds[].end?": ("`lower` or `upper`", ""),
             "bounds[].designs?": ("number of best designs at this bound", ""),
+            "present": (
+                "design of the robot file: `values`, `responses`, `reason` of a failure; null for a share",
+                "SI",
+            ),
             "nearest": (
                 "if no design is feasible, the nearest one: its number, the violated constraint, its value",
                 "",
@@ -459,10 +467,16 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
                 "[robot][pose][i][j]: stiffness at M, without gravity",
                 STIFF,
             ),
+            "push": (
+                "[robot][pose][i]: 1/C_ii, what a push meets with all other directions free; null if rigid",
+                STIFF,
+            ),
             "sag": (
                 "[robot][pose]: twist of the tool under the robot's own weight",
                 TWIST,
             ),
+            "mass": ("[robot]: mass of all moving bodies", "kg"),
+            "push_ratio": ("[pose]: the same ratio of `push`", "1"),
             "ratio": (
                 "[pose]: stiffness diagonal of the second robot divided by that of the first",
                 "1",
@@ -891,6 +905,10 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             ),
             "plan.pairs[].hidden": (
                 "parameters of the first that no available reading distinguishes from the second",
+                "",
+            ),
+            "plan.pairs[].larger_pulls": (
+                "factor on the pulls that distinguishes those, too; 1 if none are left, null if none does",
                 "",
             ),
             "plan.pairs[].asked": ("whether both belong to the question", ""),

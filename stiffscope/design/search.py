@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from stiffscope.design.outcomes import FEASIBLE
+from stiffscope.errors import say_count
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -147,7 +148,7 @@ def _find_optimum(study: StudyFile, evaluate: Evaluate) -> Ending:
         how = "its steps were still larger"
         if converged:
             how = f"its steps fell below {LAST_STEP:g} of the ranges"
-        return best, converged, f"{name}: {how} after {count} designs"
+        return best, converged, f"{name}: {how} after {say_count(count, 'design')}"
 
     pool = ThreadPoolExecutor(len(starts))
     try:

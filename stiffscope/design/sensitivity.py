@@ -44,6 +44,7 @@ OWN_MODES = 0.01  # 95 % bound of the effect of fixed-interface modes, over a fr
 class Responses:
     """Stiffness (n, 6, 6) at M, sag (n, 6), first frequency (n,), Hz, and mass of solids, kg.
 
+    ``push`` (n, 6): 1/C_ii, the stiffness that a push along each direction meets; NaN if rigid.
     If K is infinite, the diagonal contains 1/C_ii. The sag is NaN if the tool moves freely. The
     mass is that of the parts' solids and of rigid bodies; masses of parts in the file are ignored.
     """
@@ -52,11 +53,12 @@ class Responses:
     sag: np.ndarray
     frequency: np.ndarray
     mass: float
+    push: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """Derivatives of the responses per SI unit of a parameter, with 95 % bounds of the first three.
+    """Derivatives of the responses per SI unit of a parameter, with 95 % bounds of all but the mass.
 
     The bounds come from the parts' derivatives; finite differences add about 1e-6 of the responses.
     """
@@ -180,7 +182,7 @@ class _Model:
         with suppress(InputError):  # without masses
             frequency = _first(frequencies(mechanism, found, MOST_MODES))
         mass = mass_of_solids(robot, self.components, varied)
-        return Responses(state.finite, sag, frequency, mass)
+        return Responses(state.finite, sag, frequency, mass, state.alone)
 
     def _assemble(
         self, robot: RobotFile, varied: Mapping[str, Any]
@@ -196,7 +198,8 @@ class _Model:
         if not any(each.error.any() for each in varied.values()):
             still = np.zeros_like(middle.stiffness)
             level = np.zeros_like(middle.sag)
-            return Responses(still, level, np.zeros_like(middle.frequency), 0.0)
+            first = np.zeros_like(middle.frequency)
+            return Responses(still, level, first, 0.0, np.zeros_like(middle.push))
         mechanism, found = self._assemble(robot, varied)
         bars = statics.stiffness_error(mechanism, found) / step
         soft = np.abs(statics.compliance(mechanism, found))
@@ -206,7 +209,9 @@ class _Model:
             shaken = modes(mechanism, found, MOST_MODES)
             first = _first(shaken.frequencies, shaken.error) / step
         frequency = first + OWN_MODES * np.abs(by.frequency)
-        return Responses(bars, sag, frequency, 0.0)
+        yields = np.abs(statics.compliance_error(mechanism, found)) / step
+        push = middle.push**2 * np.einsum("nii->ni", yields)  # δ(1/C) = δC / C²
+        return Responses(bars, sag, frequency, 0.0, push)
 
     def _vary_parts(self, robot: RobotFile) -> dict[str, Any]:
         """Return the experiments extrapolated to this robot, with bounds of the difference only."""

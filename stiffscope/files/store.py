@@ -10,6 +10,7 @@ import click
 from stiffscope.cli import options
 from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit
+from stiffscope.errors import say_count
 from stiffscope.files.store_tables import megabytes, show_entries, show_totals
 from stiffscope.report.terminal import show_line
 from stiffscope.runtime.cache import KINDS, Cache, cache_folder, totals
@@ -70,6 +71,6 @@ def clear(chosen: Texts, *, output: Output) -> None:
     root = cache_folder()
     gone = Cache(root).clear(chosen)
     size = sum(entry.bytes for entry in gone)
-    words = f"Removed {len(gone)} results, {megabytes(size)}, from {root}"
+    words = f"Removed {say_count(len(gone), 'result')}, {megabytes(size)}, from {root}"
     answer = {"folder": str(root), "entries": len(gone), "bytes": size}
     emit(output, answer, lambda: show_line(words))

@@ -14,6 +14,7 @@ from stiffscope.imports.import_assembly import import_assembly
 from stiffscope.imports.import_model import import_model
 from stiffscope.imports.said import Said
 from stiffscope.imports.show import (
+    count_model,
     import_json,
     model_json,
     show_import,
@@ -134,5 +135,5 @@ def import_(
         loops=loops,
     )
     driven = ", ".join(each.partition("=")[0].strip() for each in drives) or "none"
-    counts = f"{len(read.bodies)} bodies, {len(read.joints)} joints (driven: {driven})"
+    counts = f"{count_model(read)} (driven: {driven})"
     emit(output, model_json(read, goal), lambda: show_written(read, goal, counts))

@@ -29,7 +29,10 @@ if TYPE_CHECKING:
 
 GROUND = "ground"
 CLOSED = 1e-10  # m, rad: largest error of a closed loop
-_ROUNDS = 100
+_ROUNDS = 500
+_INDEPENDENT = 1e-9  # of the largest: singular values of directions that loops hold
+_LEAST_DAMPING = 1e-6  # of the square of the largest singular value
+_MOST_DAMPING = 1e9
 _MODEL = "a model in URDF or MJCF"
 _TURN = 1.01 * 2.0 * np.pi  # rad: hardly any angle is larger, unless it is in degrees
 _FARTHEST = 1e6  # m: of a place in a model
@@ -222,7 +225,7 @@ def _compile(
         least.boundinertia = max(least.boundinertia, 1e-15)
         balanced = bool(least.balanceinertia)
         aside = set_aside_inertias(mj, spec)
-        notes = [] if loops is None else close_loops(mj, spec, loops)
+        notes = [] if loops is None else close_loops(mj, spec, loops, content)
         if balanced and aside:
             mean = "which would replace an inertia by its mean"
             notes.append(f"balanceinertia of the source, {mean}, is not applied")
@@ -306,7 +309,7 @@ def _check_urdf(path: Path, content: bytes) -> list[str]:
     with contextlib.suppress(expat.ExpatError):  # MuJoCo says what is wrong
         parser.Parse(content, True)
     return [
-        f"line{'s' if len(lines) > 1 else ''} {list_some(lines, 4)}: {text}"
+        f"{'line' if len(lines) == 1 else 'lines'} {list_some(lines, 4)}: {text}"
         for text, lines in doubts.items()
     ]
 
@@ -406,7 +409,7 @@ def _check_finite(path: Path, m: Any) -> None:
 
 
 def _go_home(compiled: CompiledModel, wanted: Mapping[str, float]) -> None:
-    """Set keyframe "home" or the zero pose, and given joints; close loops by Gauss-Newton steps."""
+    """Set keyframe "home" or the zero pose, and given joints; close all loops."""
     m = compiled.model
     d = compiled.data
     mj = compiled.mj
@@ -440,16 +443,61 @@ def _go_home(compiled: CompiledModel, wanted: Mapping[str, float]) -> None:
                 f"--home {name}: expected {what}, got {value:.4g} (m or rad)"
             )
         d.qpos[m.jnt_qposadr[number]] = value
-    open_by = np.inf
+    _close_loops(compiled)
+
+
+def _close_loops(compiled: CompiledModel) -> None:
+    """Close all loops by steps of least squares, damped where a full step opens them wider.
+
+    References
+    ----------
+    D. W. Marquardt, An algorithm for least-squares estimation of nonlinear parameters, J. SIAM 11
+    (1963) 431-441.
+    """
+    m = compiled.model
+    d = compiled.data
+    mj = compiled.mj
+    mj.mj_forward(m, d)
+    gap, jacobian = compiled.equality_rows()
+    damping = 0.0
     for _ in range(_ROUNDS):
-        mj.mj_forward(m, d)
-        gap, jacobian = compiled.equality_rows()
-        open_by = float(np.abs(gap).max(initial=0.0))
-        if open_by < CLOSED:
+        if np.abs(gap).max(initial=0.0) < CLOSED:
             return
-        step = -np.linalg.lstsq(jacobian, gap, rcond=1e-9)[0]
-        mj.mj_integratePos(m, d.qpos, step, 1.0)
+        before = d.qpos.copy()
+        u, sizes, rows = np.linalg.svd(jacobian, full_matrices=False)
+        largest = sizes[0]
+        able = sizes > _INDEPENDENT * largest
+        gain = np.zeros_like(sizes)
+        gain[able] = sizes[able] / (sizes[able] ** 2 + damping * largest**2)
+        mj.mj_integratePos(m, d.qpos, -rows.T @ (gain * (u.T @ gap)), 1.0)
+        mj.mj_forward(m, d)
+        new_gap, new_jacobian = compiled.equality_rows()
+        if np.linalg.norm(new_gap) < np.linalg.norm(gap):
+            gap = new_gap
+            jacobian = new_jacobian
+            damping = damping / 10.0 if damping > _LEAST_DAMPING else 0.0
+        else:
+            d.qpos[:] = before
+            mj.mj_forward(m, d)
+            damping = max(10.0 * damping, _LEAST_DAMPING)
+            if damping > _MOST_DAMPING:
+                break
+    if np.abs(gap).max() < CLOSED:
+        return
+    number = _widest(compiled, gap)
+    name = compiled.label("equality", number)
+    ends = ""
+    if number in compiled.closures():
+        first, second, _ = compiled.closure_ends(number)
+        ends = f" of {first} and {second}"
     raise InputError(
-        f"{compiled.path}: expected loops that close, got a gap of {open_by:.3g} (m or rad); "
-        "choose another home with --home"
+        f"{compiled.path}: expected loops that close, got a gap of {np.abs(gap).max():.3g} "
+        f"(m or rad) at {name}{ends}; choose another home with --home"
     )
+
+
+def _widest(compiled: CompiledModel, gap: Array) -> int:
+    """Return the number of the equality with the largest gap (m,)."""
+    d = compiled.data
+    rows = d.efc_type == compiled.mj.mjtConstraint.mjCNSTR_EQUALITY
+    return int(d.efc_id[rows][np.abs(gap).argmax()])

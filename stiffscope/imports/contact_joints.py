@@ -297,7 +297,8 @@ def _hold_rods(
 
     Of equal fits those at the rod's ends hold it. A rod in one bore is a slide. A rod that all its
     bores would hold is held by parts that are joined without it, and the others move on it: pressed
-    into all of them, it would be no joint where it is the only one.
+    into all of them, it would be no joint where it is the only one. Rods apart whose ends lie in the
+    same parts leave these no turn, and no way but off the rods: tie rods, held by all of them.
     """
     own = defaultdict[int, list[Freedom]](list)
     for joint in [*joints, *planes]:
@@ -307,16 +308,13 @@ def _hold_rods(
     fixed = [joint for joint in joints if joint.kind == "fixed"]
     laid = [plane for plane in planes if not _is_turned_on(plane, rods)]
     bodies = _join(range(len(solids)), [*fixed, *laid])
+    tightest = {rod: _tightest(rod, around, solids) for rod, around in rods.items()}
+    ties = _find_ties(rods, tightest, bodies, solids)
     held = set[Freedom]()
     for rod, around in rods.items():
-        clearance = {each: _clearance(each) for each in around}
-        least = min(clearance.values())
-        tight = [each for each in around if clearance[each] <= least + _ALIKE]
-        ends = [each for each in tight if _is_at_end(each, rod, solids)]
-        if len(tight) == len(around) and ends:
-            tight = ends
+        tight = tightest[rod]
         others = list[str]()
-        if len(tight) == len(around):
+        if len(tight) == len(around) and rod not in ties:
             tight = _choose_seats(rod, around, bodies)
             rest = [_other_end(joint, rod) for joint in around if joint not in tight]
             others = [solids[n].name for n in rest]
@@ -335,6 +333,45 @@ def _hold_rods(
         else joint
         for joint in joints
     ]
+
+
+def _tightest(
+    rod: int, around: Sequence[Freedom], solids: Sequence[Instance]
+) -> list[Freedom]:
+    """Return the bores that may hold a rod: the tightest, and of equal fits those at its ends."""
+    clearance = {each: _clearance(each) for each in around}
+    least = min(clearance.values())
+    tight = [each for each in around if clearance[each] <= least + _ALIKE]
+    if len(tight) < len(around):
+        return tight
+    return [each for each in tight if _is_at_end(each, rod, solids)] or tight
+
+
+def _find_ties(
+    rods: Mapping[int, Sequence[Freedom]],
+    tightest: Mapping[int, Sequence[Freedom]],
+    bodies: DisjointSet,
+    solids: Sequence[Instance],
+) -> set[int]:
+    """Return the rods that end in the same bodies as another rod that is not in line with them."""
+    spans = defaultdict[frozenset[int], list[int]](list)
+    for rod, tight in tightest.items():
+        ends = {bodies[_other_end(joint, rod)] for joint in tight}
+        if len(ends) > 1 and all(_is_at_end(joint, rod, solids) for joint in tight):
+            spans[frozenset(ends)].append(rod)
+    ties = set[int]()
+    for alike in spans.values():
+        for one, other in combinations(alike, 2):
+            if not _are_in_line(rods[one][0].contacts[0], rods[other][0].contacts[0]):
+                ties |= {one, other}
+    return ties
+
+
+def _are_in_line(one: Contact, other: Contact) -> bool:
+    """Return whether two cylinders have the same axis."""
+    parallel = np.linalg.norm(np.cross(one.axis, other.axis)) <= _SAME
+    off = np.linalg.norm(np.cross(one.axis, other.point - one.point))
+    return bool(parallel and off <= _ALIKE * one.radius)
 
 
 def _choose_seats(

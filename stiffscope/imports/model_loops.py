@@ -2,7 +2,8 @@
 
 The convention is that of public collections of parallel robots (Gepetto's example-parallel-robots):
 
-- ``closed_loop``: pairs of frames (links of the URDF) that coincide;
+- ``closed_loop``: pairs of frames that coincide: links of the URDF, or joints (the frame of a joint
+  is that of its child);
 - ``type``: of each, "6d" (fixed to each other) or "3d" (their origins coincide, a ball joint);
 - ``joint_name``, ``joint_type``: joints that are others than the URDF says: "SPHERICAL",
   "UJOINT_XY" (two hinges, about x and y of the joint's frame) or "FIXED";
@@ -14,13 +15,14 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
+from xml.etree import ElementTree as ET
 
-from stiffscope.errors import InputError, meant
+from stiffscope.errors import InputError, meant, say_count
 from stiffscope.robot.file.tables import list_some
 from stiffscope.runtime.reading import read_text, show_path
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
 _KINDS = ("3d", "6d")
@@ -65,7 +67,7 @@ def read_loops(path: Path) -> Loops:
                 f"{where}: closed_loop: expected pairs of frames, got {pair!r}"
             )
     if len(kinds) != len(pairs) or not {*kinds} <= {*_KINDS}:
-        what = f'"3d" or "6d" for each of {len(pairs)} loops'
+        what = f'"3d" or "6d" for each of {say_count(len(pairs), "loop")}'
         raise InputError(f"{where}: type: expected {what}, got {kinds}")
     names = [str(each) for each in _list(held, "joint_name", where)]
     types = [str(each).upper() for each in _list(held, "joint_type", where)]
@@ -76,7 +78,7 @@ def read_loops(path: Path) -> Loops:
                 f'{where}: joint_type: expected one of {", ".join(known)}, got "{each}"'
             )
     if len(names) != len(types):
-        what = f"a type for each of {len(names)} joints"
+        what = f"a type for each of {say_count(len(names), 'joint')}"
         raise InputError(f"{where}: joint_type: expected {what}, got {len(types)}")
     ends = [(str(a), str(b)) for a, b in pairs]
     loops = [(*end, kind) for end, kind in zip(ends, kinds, strict=True)]
@@ -92,20 +94,26 @@ def _list(held: dict[str, Any], key: str, where: str) -> list[Any]:
     return value
 
 
-def close_loops(mj: Any, spec: Any, loops: Loops) -> list[str]:
+def close_loops(mj: Any, spec: Any, loops: Loops, urdf: bytes) -> list[str]:
     """Close loops in a MuJoCo spec, and change its joints; return notes.
 
+    ``urdf``: content of the model, whose fixed joints the spec has no more.
     Raises InputError if a frame or joint is not in the model.
     """
     where = show_path(loops.file)
-    bodies = {body.name: body for body in spec.bodies}
+    links = {body.name: body for body in spec.bodies}
+    frames = {
+        joint: links[link] for joint, link in _children(urdf).items() if link in links
+    }
+    bodies = frames | links
     joints = {joint.name: joint for joint in spec.joints}
     for name, kind in loops.joints:
         _check_known(name, list(joints), f"{where}: joint_name", "a joint")
         _change_joint(mj, spec, joints[name], kind)
     for number, (first, second, kind) in enumerate(loops.pairs, 1):
         for name in (first, second):
-            _check_known(name, list(bodies), f"{where}: closed_loop", "a link")
+            place = f"{where}: closed_loop"
+            _check_known(name, list(bodies), place, "a link or joint")
         sites = []
         for side, name in zip("AB", (first, second), strict=True):
             site = bodies[name].add_site()
@@ -120,11 +128,26 @@ def close_loops(mj: Any, spec: Any, loops: Loops) -> list[str]:
         loop.active = True
         if kind == "6d":
             loop.data[10] = 1.0  # scale of rotations; the frames coincide
-    notes = [f"{len(loops.pairs)} loops are closed as {loops.file.name} says"]
+    closed = say_count(len(loops.pairs), "loop is", "loops are")
+    notes = [f"{closed} closed as {loops.file.name} says"]
     if loops.motors:
-        listed = list_some(loops.motors)
+        listed = list_some(loops.motors, 6)
         notes.append(f"motors of {loops.file.name}: {listed}; stiffness by --drive")
     return notes
+
+
+def _children(urdf: bytes) -> Mapping[str, str]:
+    """Return the child link of each joint of a URDF."""
+    try:
+        tree = ET.fromstring(urdf)  # noqa: S314 (MuJoCo has read it)
+    except ET.ParseError:  # MuJoCo reads more than XML
+        return {}
+    children = dict[str, str]()
+    for joint in tree.iterfind("joint"):
+        child = joint.find("child")
+        if child is not None:
+            children[joint.get("name", "")] = child.get("link", "")
+    return children
 
 
 def _check_known(name: str, known: Sequence[str], place: str, what: str) -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
+from stiffscope.errors import say_count
 from stiffscope.report.terminal import show_line
 from stiffscope.statics.show.check import show_doubts, show_named
 
@@ -47,11 +48,17 @@ def show_import(found: Imported) -> None:
         show_line("Since the last import: nothing has changed.")
     model = found.model
     driven = ", ".join(found.driven) or "none"
-    seen = (
-        f"{found.solids} solids, {found.contacts} contacts; {len(model.bodies)} bodies"
-    )
-    made = f"{len(model.joints)} joints, {len(found.hardware)} pieces of hardware (driven: {driven})"
-    show_written(model, found.file, f"{seen}, {made}")
+    solids = say_count(found.solids, "solid")
+    contacts = say_count(found.contacts, "contact")
+    bought = say_count(len(found.hardware), "piece of hardware", "pieces of hardware")
+    counts = f"{solids}, {contacts}; {count_model(model)}, {bought} (driven: {driven})"
+    show_written(model, found.file, counts)
+
+
+def count_model(model: SimulatorModel) -> str:
+    """Return how many bodies and joints a model has."""
+    bodies = say_count(len(model.bodies), "body", "bodies")
+    return f"{bodies}, {say_count(len(model.joints), 'joint')}"
 
 
 def show_written(read: SimulatorModel, file: Path, counts: str) -> None:

@@ -7,12 +7,14 @@ parameters serve control and time integration: they are reported for the user to
 from __future__ import annotations
 
 import fnmatch
+from collections import defaultdict
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.errors import say_count
 from stiffscope.imports.compiled_model import (
     GROUND,
     compile_at_home,
@@ -35,6 +37,7 @@ _SAME_POINT = 1e-9
 _SQUARE = 1e-6
 _DYNAMICS = "stiffness", "damping", "armature", "friction"
 _WIDE = 10.0  # of the robot's size: radius of gyration beyond which an inertia is in another unit
+_LISTED = 5  # joints of a note by name
 _LARGE = 30.0  # m: hardly any arm is as large, unless its lengths are in mm
 
 
@@ -110,7 +113,9 @@ def read_model(
     beyond = [j.name for j in joints if j.range and not j.range[0] <= 0.0 <= j.range[1]]
     if beyond:
         other = "choose another with --home"
-        source.notes.append(f"home of {list_some(beyond)} is beyond its range; {other}")
+        source.notes.append(
+            f"home of {_list_joints(beyond)} is beyond its range; {other}"
+        )
     bodies = [
         _merge(source, number, name) for number, name in source.movers.items() if number
     ]
@@ -222,18 +227,7 @@ def _note_omissions(source: CompiledModel, joints: Iterable[ModelJoint]) -> None
             [f"{source.label('body', b)} {m.body_mass[b]:.4g} kg" for b in fixed]
         )
         source.notes.append(f"bodies fixed to the ground have no mass here: {listed}")
-    for word in _DYNAMICS:
-        names = [joint.name for joint in joints if joint.dynamics.get(word)]
-        if names:
-            of = f"the source's {word} of {list_some(names)}"
-            source.notes.append(f"{of} is not taken, but written beside the joint")
-    for sign, told in (
-        (1, "written beside the joint, not taken"),
-        (-1, "below zero and left out"),
-    ):
-        names = [joint.name for joint in joints if joint.gain * sign > 0]
-        if names:
-            source.notes.append(f"position gains (kp) of {list_some(names)} are {told}")
+    source.notes += _note_dynamics(list(joints))
     others = [
         name
         for name, number in source.labels("actuator", m.nu).items()
@@ -255,6 +249,33 @@ def _note_omissions(source: CompiledModel, joints: Iterable[ModelJoint]) -> None
         and m.opt.gravity.any()
     ):
         source.notes.append("the source disables gravity; it acts here")
+
+
+def _note_dynamics(joints: Sequence[ModelJoint]) -> Iterator[str]:
+    """Yield notes on springs, damping and gains of the source, a note for words of alike joints."""
+    told = defaultdict[tuple[str, ...], list[str]](list)  # words by joints
+    for word in _DYNAMICS:
+        names = [joint.name for joint in joints if joint.dynamics.get(word)]
+        told[tuple(names)] += [word] if names else []
+    for names, words in told.items():
+        if words:
+            of = f"the source's {' and '.join(words)} of {_list_joints(names)}"
+            verb = "is" if len(words) == 1 else "are"
+            yield f"{of} {verb} not taken, but written beside the joint"
+    for sign, fate in (
+        (1, "written beside the joint, not taken"),
+        (-1, "below zero and left out"),
+    ):
+        names = [joint.name for joint in joints if joint.gain * sign > 0]
+        if names:
+            yield f"position gains (kp) of {_list_joints(names)} are {fate}"
+
+
+def _list_joints(names: Sequence[str]) -> str:
+    """Return the names of joints, of many the first and their number."""
+    if len(names) <= _LISTED:
+        return ", ".join(names)
+    return f"{', '.join(names[:_LISTED])}, … ({len(names)} joints)"
 
 
 def _doubt_units(joints: list[ModelJoint], bodies: list[ModelBody]) -> Iterator[str]:
@@ -418,7 +439,7 @@ def _closing_joint(
     _, sizes, rows = np.linalg.svd(np.array(away).reshape(-1, 3))
     if sizes.max(initial=0.0) < _SAME_POINT:
         return ModelJoint(name, first, second, "spherical", at)
-    note = f"{len(points)} connects of the source"
+    note = f"{say_count(len(points), 'connect')} of the source"
     if len(sizes) < 2 or sizes[1] < 1e-6 * sizes[0]:
         return ModelJoint(
             name=name,

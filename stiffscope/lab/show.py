@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.errors import say_count
 from stiffscope.report.figures import (
     AFTER,
     BEFORE,
@@ -230,10 +231,10 @@ def write_blind_report(scores: Scores, report: Draft) -> None:
     figures = report.figures({f"{stem}.svg": words for stem, words in FIGURES.items()})
     facts = [
         f"robots: {', '.join(robots) or 'none'}",
-        f"{len(scores.outcomes)} campaigns",
+        say_count(len(scores.outcomes), "campaign"),
     ]
     count = len(scores.outcomes) // max(len(robots), 1)
-    title = f"Blind check of the diagnosis, {count} campaigns a robot"
+    title = f"Blind check of the diagnosis, {say_count(count, 'campaign')} a robot"
     report.write(
         title, facts, [Section("Scores", report.shown), Section("Figures", (), figures)]
     )

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.errors import say_count
 from stiffscope.experiments.experiments import EXPERIMENT
 from stiffscope.fea.export import write_fields
 from stiffscope.path.course import pick_evenly
@@ -116,7 +117,7 @@ def show_path(
     path = state.path
     file = state.job.path_file.name
     facts = [
-        ("path", f"{len(path):,} points, {1e3 * state.length[-1]:,.1f} mm"),
+        ("path", f"{say_count(len(path), 'point')}, {1e3 * state.length[-1]:,.1f} mm"),
         (
             "error of the tool",
             _two(_rms(state.size), state.size[k])

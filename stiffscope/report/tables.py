@@ -30,6 +30,7 @@ SIX = (DIAGONAL[:3], DIAGONAL[3:])
 COUPLINGS = ("K_15", "K_24")
 SAG = ("|sag| µm", "sag z µm")
 PUSH = "1/C_ii"
+PUSH_WORDS = f"{PUSH}: a push along one direction with all others free; K_ii holds them"
 
 
 def sources(assembled: Assembled) -> str:
@@ -88,9 +89,7 @@ def show_stiffness(
     show_table(
         f"{title} ({units})", groups, rows, prose=(where,) if len(pose) > 3 else ()
     )
-    told = (
-        f"  {PUSH}: a push along one direction with all others free; K_ii holds them\n"
-    )
+    told = f"  {PUSH_WORDS}\n"
     if stuck.any():
         told = f"  rigid: infinite, or stiffer than the others by 10⁶; there only {PUSH} is shown\n"
     show_line(told)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.errors import say_count
 from stiffscope.report.figures import AFTER, BEFORE, EFFECT, new_figure, save_figures
 from stiffscope.report.page import Section
 from stiffscope.report.terminal import show_line, show_list, show_table
@@ -166,8 +167,8 @@ def write_page(read: ResponseFile, report: Draft) -> None:
     words = "magnitude, phase and coherence over frequency, a column for each response"
     drawn = report.figures({"responses.svg": (caption, words)})
     facts = [
-        f"{len(read.responses)} responses",
-        f"{len(read.points)} points",
+        say_count(len(read.responses), "response"),
+        say_count(len(read.points), "point"),
         "SI units",
     ]
     sections = [Section("Responses", tuple(report.shown), drawn)]

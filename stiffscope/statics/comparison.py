@@ -37,8 +37,12 @@ class RobotComparison:
         Names of the poses.
     stiffness
         Stiffness (2, p, 6, 6) at M without gravity, SI.
+    push
+        Stiffness 1/C_ii (2, p, 6) of a push along each direction, without gravity, SI; NaN if rigid.
     sag
         Sag (2, p, 6) under own weight, m, rad.
+    mass
+        Mass (2,) of all moving bodies, kg.
     change
         Map of the first with the second's stiffness as the loaded one; None without a common plane.
     """
@@ -46,7 +50,9 @@ class RobotComparison:
     names: tuple[str, str]
     poses: tuple[str, ...]
     stiffness: Array
+    push: Array
     sag: Array
+    mass: Array
     change: StiffnessMap | None
     made: dict[str, Assembled]
     places: tuple[tuple[float, ...], ...]
@@ -112,8 +118,14 @@ def compare_robots(
         names=names,
         poses=tuple(name for name, ok in zip(poses, reached, strict=True) if ok),
         stiffness=np.array([each.matrix for each in plain]),
+        push=np.array([each.alone for each in plain]),
         sag=np.array([each.sag for each in both]),
+        mass=np.array([_sum_masses(each) for each in made.values()]),
         change=change,
         made=made,
         places=tuple(map(tuple, values[reached].tolist())),
     )
+
+
+def _sum_masses(made: Assembled) -> float:
+    return sum(body.mass for body in made.mechanism.bodies)

@@ -108,7 +108,8 @@ class StiffnessMap:
 
     ``across``, ``up``: swept coordinates; ``columns`` (na,), ``rows`` (nu,): their values; ``at``:
     values of the others, m and rad. ``stiffness``, ``loaded`` (nu, na, 6): diagonals of K at M
-    without and with own weight, N/m and N·m/rad; ``sag`` (nu, na, 6), m and rad; ``rigid`` (nu,
+    without and with own weight, N/m and N·m/rad; ``push`` (nu, na, 6): 1/C_ii, a push along each
+    direction with all others free, with own weight; ``sag`` (nu, na, 6), m and rad; ``rigid`` (nu,
     na): whether K is infinite in some direction, and replaced by 1/C_ii. ``down``: rows grow
     downwards. ``frequencies`` (nu, na, c): natural frequencies, Hz, drives held, or None; ``more``:
     other quantities (nu, na) of the loaded robot by column; ``still``: drives, springs and tool
@@ -122,6 +123,7 @@ class StiffnessMap:
     at: dict[str, float]
     stiffness: np.ndarray
     loaded: np.ndarray
+    push: np.ndarray
     sag: np.ndarray
     rigid: np.ndarray
     down: bool = False
@@ -287,12 +289,14 @@ def map_volume(
         plain = loaded = state.finite
         sag = np.where(found.valid[:, None], np.zeros((len(found), 6)), np.nan)
         compliance = state.compliance
+        push = state.alone
         if gravity != "none":
             state = analyse(mechanism, found, gravity="exact")
             sag = state.sag
             lost = np.isnan(sag)[:, :1, None]
             both = (state.finite, state.compliance)
             loaded, compliance = (np.where(lost, np.nan, each) for each in both)
+            push = np.where(lost[..., 0], np.nan, state.alone)
         diagonals = (
             np.diagonal(matrix, axis1=1, axis2=2) for matrix in (plain, loaded)
         )
@@ -309,7 +313,7 @@ def map_volume(
                     for n, v in zip(pose, layer, strict=True)
                     if n not in {across, up}
                 },
-                *(value.reshape(*size, 6) for value in (*diagonals, sag)),
+                *(value.reshape(*size, 6) for value in (*diagonals, push, sag)),
                 rigid=np.array([len(each) > 0 for each in state.rigid]).reshape(size),
                 down=bool(weight > 0.0),
                 frequencies=None
@@ -359,6 +363,10 @@ def list_quantities(found: StiffnessMap) -> list[Quantity]:
             names = (name + mark, column, f"stiffness{mark}")
             about = (_FORCES[k], f"{words}, {axis}")
             out.append(Quantity(*names, values[..., k], *about))
+    for k, axis in enumerate(COORDINATES):
+        names = (f"push_{axis}", f"push_{axis}", "push")
+        words = f"1/C_ii at M {own}, a push with all other directions free, {axis}"
+        out.append(Quantity(*names, found.push[..., k], _FORCES[k], words))
     for k, axis in enumerate(COORDINATES):
         names = (f"sag_{axis}", f"sag_{axis}", "sag")
         words = f"twist of the tool under the robot's own weight, {axis}"
@@ -419,7 +427,8 @@ def _columns_of(found: StiffnessMap, *third: str) -> dict[str, Array]:
 def to_dataset(found: StiffnessMap, title: str = "") -> xr.Dataset:
     """Return a map as a dataset over its coordinates with names and units, SI; NaN if unreachable.
 
-    Variables are `K_tx` to `K_rz`, the same with `_loaded` (under own weight), `sag_x` to `sag_rz`,
+    Variables are `K_tx` to `K_rz`, the same with `_loaded` (under own weight), `push_x` to `push_rz`
+    (1/C_ii), `sag_x` to `sag_rz`,
     and `f1` etc. if the map has frequencies.
     """
     import xarray as xr

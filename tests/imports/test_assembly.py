@@ -825,6 +825,68 @@ def test_a_rod_that_alone_joins_two_parts_stays_their_joint(length):
     assert told.endswith('if it is pressed into arm, too, say --joint "rod/arm=fixed"')
 
 
+def _joints_on_rods(plates, rods):
+    """Return the kinds of joints, by parts, of blocks (z, height; mm) on rods (x, y, radius, z, length)."""
+    solids = []
+    for name, (z, height, only) in plates.items():
+        plate = b.Pos(0, 0, z) * b.Box(120, 120, height, align=assemblies.LOW)
+        for rod, (x, y, radius, low, length) in rods.items():
+            if rod in only:
+                bore = b.Cylinder(radius, length, align=assemblies.LOW)
+                plate -= b.Pos(x, y, low) * bore
+        solids.append((name, plate.solid()))
+    for name, (x, y, radius, low, length) in rods.items():
+        rod = b.Pos(x, y, low) * b.Cylinder(radius, length, align=assemblies.LOW)
+        solids.append((name, rod.solid()))
+    for name, solid in solids:
+        solid.label = name
+    whole = b.Compound(label="rods", children=[solid for _, solid in solids])
+    instances, _ = read_built(whole, "rods", [])
+    contacts = find_contacts(instances)
+    numbers = range(len(plates), len(solids))
+    hardware = find_hardware(instances, contacts, dict.fromkeys(numbers, "part"))
+    joints, _ = find_joints(instances, contacts, hardware)
+    names = [name for name, _ in solids]
+    return {tuple(names[n] for n in joint.ends): joint.kind for joint in joints}
+
+
+@pytest.mark.parametrize("count", [2, 4])
+@pytest.mark.parametrize("beyond", [0.0, 8.0])
+def test_plates_on_tie_rods_are_held_by_all_of_them(count, beyond):
+    """Rods apart that end in both plates leave no motion but off the rods; a third plate slides."""
+    places = [(40, 40), (-40, -40), (40, -40), (-40, 40)][:count]
+    low = -beyond
+    length = 150 + 2 * beyond
+    rods = {f"r{n}": (x, y, 5, low, length) for n, (x, y) in enumerate(places)}
+    ends = {"base": (0, 20, rods), "top": (130, 20, rods)}
+    kinds = _joints_on_rods(ends, rods)
+    assert kinds == {(end, rod): "fixed" for end in ends for rod in rods}
+    middle = {"base": ends["base"], "nut": (70, 20, rods), "top": ends["top"]}
+    kinds = _joints_on_rods(middle, rods)
+    for rod in rods:
+        assert kinds["nut", rod] == "cylindrical"
+        assert kinds["base", rod] == kinds["top", rod] == "fixed"
+
+
+def test_a_plate_on_rods_that_stand_in_a_base_slides_on_them():
+    rods = {"r1": (40, 40, 5, 0, 150), "r2": (-40, -40, 5, 0, 150)}
+    kinds = _joints_on_rods({"base": (0, 20, rods), "table": (60, 20, rods)}, rods)
+    for rod in rods:
+        assert (kinds["base", rod], kinds["table", rod]) == ("fixed", "cylindrical")
+
+
+def test_two_pins_on_one_axis_are_a_hinge():
+    rods = {"r1": (0, 0, 5, 0, 40), "r2": (0, 0, 5, 60, 40)}
+    blocks = {
+        "low": (0, 20, ["r1"]),
+        "arm1": (20, 20, ["r1"]),
+        "arm2": (60, 20, ["r2"]),
+        "high": (80, 20, ["r2"]),
+    }
+    kinds = _joints_on_rods(blocks, rods)
+    assert sorted(kinds.values()) == ["cylindrical", "cylindrical", "fixed", "fixed"]
+
+
 def test_the_halves_of_a_split_bearing_act_on_their_own_sides_of_a_rod():
     """The seam of the rod's face may part one of them once more; their borders touch."""
     rod = b.Rot(90, 0, 0) * b.Cylinder(5, 280)

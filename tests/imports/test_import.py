@@ -120,7 +120,7 @@ def test_a_four_bar_with_two_connects_on_a_line(imported):
     assert "without its meshes" in told
     assert "not active" in told
     assert "couples the coordinates of joints motor and pivot (mimic)" in told
-    assert "stiffness of motor, elbow, pivot is not taken" in told
+    assert "stiffness and damping of motor, elbow, pivot are not taken" in told
     assert 'actuator "servo"' in text
     assert "# the source has stiffness 11, damping 7 here (SI), not taken" in text
     for number in ("1234", "11 ", "7 ", "0.02 1"):  # gains, springs, damping, solver
@@ -902,10 +902,15 @@ def _five_bar(tmp_path, kind="6d", frame="left_end"):
     return FIVE_BAR.format(links=bodies, joints=joints)
 
 
-@pytest.mark.parametrize("kind", ["6d", "3D"])
-def test_loops_beside_a_urdf_close_it(imported, tmp_path, kind):
-    """Two drives, two coordinates; the closed frames coincide, and K is that of J^-T k J^-1 by differences."""
-    text = _five_bar(tmp_path, kind)
+@pytest.mark.parametrize(
+    ("kind", "frame"), [("6d", "left_end"), ("3D", "left_end"), ("6d", "left_3")]
+)
+def test_loops_beside_a_urdf_close_it(imported, tmp_path, kind, frame):
+    """Two drives, two coordinates; the closed frames coincide, and K is that of J^-T k J^-1 by differences.
+
+    A frame is a link's or a joint's, also a fixed one's.
+    """
+    text = _five_bar(tmp_path, kind, frame)
     model, robot, _ = imported(
         text,
         ".urdf",
@@ -916,7 +921,7 @@ def test_loops_beside_a_urdf_close_it(imported, tmp_path, kind):
     (loop,) = [j for name, j in robot.joints.items() if name.startswith("loop")]
     assert loop.type == ("fixed" if kind == "6d" else "spherical")
     assert robot.tool.pose == ("x", "z")
-    assert any("1 loops are closed as loops.yaml says" in note for note in model.notes)
+    assert any("1 loop is closed as loops.yaml says" in note for note in model.notes)
     mechanism = mechanism_of(robot, {})
     home = mechanism.tool.home
     step = 1e-5
@@ -928,6 +933,18 @@ def test_loops_beside_a_urdf_close_it(imported, tmp_path, kind):
         analyse(mechanism, home[None]).compliance[0][np.ix_([0, 2], [0, 2])]
     )
     np.testing.assert_allclose(found, expected, rtol=1e-6)
+
+
+def test_loops_far_open_at_the_zero_pose_are_closed(imported, tmp_path):
+    """Full steps jump between far branches; the links of 0.3 m reach where both ends can meet."""
+    text = _five_bar(tmp_path).replace('"-0.15 0 0.2"', '"0.25 0 -0.15"')
+    _, robot, _ = imported(text, ".urdf", loops=tmp_path / "loops.yaml")
+    loop = robot.joints["loop1"]
+    assert loop.type == "fixed"
+    elbow = np.asarray(robot.joints["joints.left_2"].at)
+    assert np.linalg.norm(loop.at - elbow) == pytest.approx(np.hypot(0.16, 0.2))
+    other = np.asarray(robot.joints["joints.right_2"].at)
+    assert np.linalg.norm(loop.at - other) == pytest.approx(np.hypot(0.25, 0.15))
 
 
 @pytest.mark.parametrize(

@@ -59,6 +59,10 @@ def test_twice_the_drives_of_a_robot_of_drives_alone_is_twice_the_stiffness(
     )
     answer = json.loads(capsys.readouterr().out)
     assert answer["robots"] == ["one", "two"]
+    assert answer["mass"] == [2.0, 2.0]
+    np.testing.assert_allclose(
+        np.array(answer["push"], dtype=float)[:, 0, :2], [[1e6, 2e6], [3e6, 2e6]]
+    )
     np.testing.assert_allclose(
         np.array(answer["sag"], dtype=float)[:, 0, :2],
         [[2e-11, -1e-5], [2e-11 / 3, -1e-5]],

@@ -392,6 +392,29 @@ def test_a_mass_on_a_spring():
     assert modes(m, [[0.1]], 1, drives="free").frequencies[0, 0] == 0.0
 
 
+def test_a_bar_that_spins_with_hardly_any_inertia_leaves_the_modes_of_the_rest():
+    """Two carriages in line with a bar between balls move as one mass; its spin is idle."""
+    way = np.array([0.6, 0.48, 0.64])
+    ends = {"one": np.array([0.1, 0.2, 0.3]), "two": np.array([0.313, -0.127, 0.411])}
+    along = ends["two"] - ends["one"]
+    along = along / np.linalg.norm(along)
+    thin = 1e-3 * (np.eye(3) - (1.0 - 1e-9) * np.outer(along, along))
+    bodies = [Body(name, 2.0, at, 1e-3 * np.eye(3)) for name, at in ends.items()]
+    bodies.append(Body("bar", 1.0, 0.5 * (ends["one"] + ends["two"]), thin))
+    joints = [
+        Joint(f"way-{name}", "ground", name, "prismatic", at, way)
+        for name, at in ends.items()
+    ]
+    joints[0] = replace(joints[0], drive=Drive(4e6))
+    joints += [Joint(f"ball-{n}", n, "bar", "spherical", at) for n, at in ends.items()]
+    m = Mechanism(tuple(bodies), tuple(joints), Tool("two", ends["two"], ("x",)))
+    found = modes(m, m.tool.home, 3)
+    expected = np.sqrt(4e6 / 5.0) / (2 * np.pi)
+    assert found.frequencies[0, 0] == pytest.approx(expected, rel=1e-9)
+    assert np.isnan(found.frequencies[0, 1:]).all()
+    assert found.remarks[-1] == "1 mode, not 3: all else is rigid"
+
+
 def test_a_matrix_part_has_half_of_its_mass_at_either_end():
     c = euler_bernoulli(0.4, 0.01)
     rod = member("rod", [0, 0, 0], [0.4, 0, 0], c, mass=3.0)

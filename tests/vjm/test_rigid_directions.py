@@ -146,7 +146,7 @@ def test_a_rigid_force_is_told_with_its_line():
     """A force through the only axis of a boom turns nothing; the same force at its tip does."""
     m = arm([(0, 0, 1)], [(0, 0, 0)], (0.6, 0, 0), ("rz",))
     note = rigid_note(analyse(m, np.zeros((1, 1))).rigid[0])
-    assert "5 direction(s)" in note
+    assert "5 directions" in note
     assert "force along y, its line (-600, 0, 0) mm away" in note
     assert "force along x, force" in note
 
@@ -242,7 +242,7 @@ def test_a_nearly_straight_wrist_is_nearly_rigid_not_free(bend, gravity):
     note = rigid_note(state.rigid[0]) or singular_note(state.matrix[0])
     assert (
         "rigid: force along y, its line (-850" in note
-        or "rigid in 1 direction(s): force along y" in note
+        or "rigid in 1 direction: force along y" in note
     )
 
 
@@ -510,3 +510,19 @@ def test_a_tool_that_moves_freely_is_not_rigid():
     state = analyse(m, m.tool.home[None])
     assert state.mobility.tolist() == [1]
     assert not state.nearly_rigid.any()
+
+
+@pytest.mark.parametrize("slope", [1e-3, 0.1])
+def test_a_wedge_that_nothing_holds_frees_the_tool_however_flat_it_is(slope):
+    """The wedge slides by s, the tool follows by slope times s: a force along z meets nothing."""
+    slide = {"kind": "prismatic", "at": [0, 0, 0]}
+    joints = (
+        Joint("drive", "ground", "base", axis=[0, 1, 0], drive=Drive(1e6), **slide),
+        Joint("way", "base", "wedge", axis=[1, 0, 0], **slide),
+        Joint("lift", "base", "tool", axis=[0, 0, 1], **slide),
+        Joint("flank", "wedge", "tool", axis=[1, 0, slope], **slide),
+    )
+    bodies = (Body("base"), Body("wedge"), Body("tool"))
+    m = Mechanism(bodies, joints, Tool("tool", [0.1, 0, 0], ("y",)))
+    with pytest.raises(InputError, match="moves freely"):
+        analyse(m, m.tool.home[None])

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.errors import say_count
 from stiffscope.vjm.kinematics.joint_rates import JointRates
 from stiffscope.vjm.model.checks import list_names
 from stiffscope.vjm.model.mechanism import COORDINATES
@@ -62,7 +63,7 @@ class Redundancy:
     directions: tuple[Direction, ...]
 
     def __str__(self) -> str:
-        many = f"{self.count} redundant constraint{('s' if self.count > 1 else '')}"
+        many = say_count(self.count, "redundant constraint")
         if self.loops == 1:
             which = ", ".join(map(str, self.directions))
             return f"the loop through {list_names(self.bodies)} has {many}: {which}"

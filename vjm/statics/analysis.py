@@ -66,6 +66,9 @@ Gravity = Literal["none", "exact"]
 _ROUNDING = 1e-12  # of a unit wrench, squared: what is not rigid
 _SINGLY = 256  # poses of doubtful stiffness that are solved one by one if need be
 _FAR = 0.1  # rad or relative length: sag beyond which linearization is invalid
+_BALANCED = (
+    1e-5  # of a unit wrench on the tool: along a free motion, beyond rounded geometry
+)
 _UNKNOWN = np.full((1, 6, 6), np.nan)
 
 
@@ -474,7 +477,7 @@ def _invert_compliance(order: Order, where: Places, gravity: Gravity) -> Array:
     if gravity == "exact":
         found = loaded_compliance(order, where)
     else:
-        loads = Loads(6, {END: np.eye(6)[None]})
+        loads = Loads(6, {END: np.eye(6)[None]}, balanced=_BALANCED)
         unit = solve_unstiffened(order, where, loads).twist
         found = stack_columns([0.5 * (unit + unit.mT), np.zeros((1, 6, 1))])
     matrix = np.full((len(found), 6, 6), np.nan)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, say_count
 from stiffscope.vjm.elements.laws import find_laws, linearize, settle, without_laws
 from stiffscope.vjm.model.checks import GROUND
 from stiffscope.vjm.model.semidefinite import pivot
@@ -229,5 +229,6 @@ def _solve_tool(stiffness: Array, wrench: Array) -> Array:
         if (left > _BALANCED * np.abs(wrench).max(axis=1, keepdims=True)).any():
             count = int((pivots <= _FREE).sum(axis=1).max())
             what = "ask for its mobility, not for its deflection"
-            raise InputError(f"the tool moves freely in {count} direction(s): {what}")
+            many = say_count(count, "direction")
+            raise InputError(f"the tool moves freely in {many}: {what}")
     return twist

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.errors import say_count
 from stiffscope.vjm.model.subspaces import name_directions
 
 if TYPE_CHECKING:
@@ -153,7 +154,8 @@ def rigid_note(rigid: Array) -> str | None:
     if not len(rigid):
         return None
     rest = "its stiffness is infinite, see its compliance"
-    return f"the tool is rigid in {len(rigid)} direction(s): {_name_wrenches(rigid)}; {rest}"
+    many = say_count(len(rigid), "direction")
+    return f"the tool is rigid in {many}: {_name_wrenches(rigid)}; {rest}"
 
 
 def _name_wrenches(wrenches: Array) -> str:
@@ -200,7 +202,7 @@ def singular_note(matrix: Array, compliance: Array | None = None) -> str | None:
         f"{v:+.3g}" for v in np.where(size < _NEAR * size.max(), 0.0, twist)
     )
     state = (
-        f"the tool moves freely in {count} direction(s)"
+        f"the tool moves freely in {say_count(int(count), 'direction')}"
         if count
         else "near a singular pose"
     )

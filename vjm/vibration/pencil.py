@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 Drives = Literal["held", "free"]
 NOTHING = 1e-12  # of a scaled matrix's diagonal: zero stiffness or inertia
+_ROUNDED = 1e-18  # of the largest: stiffness of a free motion, the square of a strain's rounding
 
 
 @dataclass(eq=False)
@@ -45,7 +46,7 @@ class Pencil:
     def shift(self) -> float:
         """Squared angular frequency of the order of the lowest, (rad/s)²."""
         k, m = (np.einsum("nii->ni", a)[0] for a in (self.stiffness, self.mass))
-        both = (k > 0.0) & (m > 0.0)
+        both = (k > _ROUNDED * k.max(initial=0.0)) & (m > 0.0)
         return float((k[both] / m[both]).min()) if both.any() else 1.0
 
     @cached_property

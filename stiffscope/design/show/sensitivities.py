@@ -9,6 +9,7 @@ import numpy as np
 from stiffscope.report.figures import new_figure
 from stiffscope.report.numbers import SHOWN_IN
 from stiffscope.report.page import Section
+from stiffscope.report.tables import PUSH, PUSH_WORDS
 from stiffscope.report.terminal import show_line, show_table
 from stiffscope.vjm.model.mechanism import DIAGONAL
 from stiffscope.vjm.model.screws import CONVENTION
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
     from stiffscope.fea.derivatives import Derivative, PartSensitivity
     from stiffscope.report.run_report import Draft
 
+PUSHES = tuple(f"1/C_{name[2:]}" for name in DIAGONAL)
 COMPLIANCES = ("C11", "C22", "C33", "C44", "C55", "C66")
 BAR = "#3b7dbf"
 BOUND = "#20252b"
@@ -62,7 +64,7 @@ def part_json(found: PartSensitivity, result: PartResult) -> dict[str, Any]:
 def robot_json(found: Sensitivity) -> dict[str, Any]:
     """Return a robot's derivatives at n poses and its scatter by tolerances for JSON output, SI."""
     scatter = found.scatter()
-    responses = ("stiffness", "sag", "frequency")
+    responses = ("stiffness", "push", "sag", "frequency")
     parameters = {}
     for row in found.rows:
         parameters[row.parameter.name] = {
@@ -86,7 +88,8 @@ def robot_json(found: Sensitivity) -> dict[str, Any]:
 
 def _responses(given: Any) -> dict[str, Any]:
     return {
-        name: getattr(given, name) for name in ("stiffness", "sag", "frequency", "mass")
+        name: getattr(given, name)
+        for name in ("stiffness", "push", "sag", "frequency", "mass")
     }
 
 
@@ -167,7 +170,7 @@ def _rank_derivatives(
 
 
 def show_sensitivity(found: Sensitivity, names: Sequence[str]) -> None:
-    """Show % of K's diagonal, sag and first frequency per % of each parameter, by pose, sorted."""
+    """Show % of K_ii, 1/C_ii, sag and first frequency per % of each parameter, by pose, sorted."""
     for index, pose in enumerate(names):
         stiffness = np.diagonal(found.at.stiffness[index])
         sag = found.at.sag[index, :3]
@@ -191,25 +194,38 @@ def show_sensitivity(found: Sensitivity, names: Sequence[str]) -> None:
                     for g, told in zip(gains, counts, strict=True)
                 ]
             stiff = map(_share, *_diagonals(found, row, index))
+            pushed = map(_share, *_pushes(found, row, index))
             shown = row.parameter.name, quantity(value, row.parameter.unit)
             rows.append(
-                (*shown, *stiff, _share(float(along)), _share(*first), *massive)
+                (
+                    *shown,
+                    *stiff,
+                    *pushed,
+                    _share(float(along)),
+                    _share(*first),
+                    *massive,
+                )
             )
         per_kilogram = tuple(f"{name} per kg" for name in DIAGONAL[:3])
         groups = [
             ("parameter", "value"),
             DIAGONAL[:3],
             DIAGONAL[3:],
+            PUSHES[:3],
+            PUSHES[3:],
             ("|sag|", "f1"),
             per_kilogram,
         ]
         show_table(
-            f"Sensitivity at {pose}: % of K per % of each parameter", groups, rows
+            f"Sensitivity at {pose}: % of K_ii and {PUSH} per % of each parameter",
+            groups,
+            rows,
         )
         _show_scatter(found, index)
     show_line(
         "  per kg: % of K per kilogram that this adds; ± 95 % if above one digit."
     )
+    show_line(f"  {PUSH_WORDS}")
     _show_notes(found.notes)
 
 
@@ -236,6 +252,12 @@ def _diagonals(found: Sensitivity, row: Row, index: int) -> np.ndarray:
     return each * row.parameter.value / np.diagonal(found.at.stiffness[index])
 
 
+def _pushes(found: Sensitivity, row: Row, index: int) -> np.ndarray:
+    """Return the effect of a parameter on 1/C_ii at a pose, and its bounds (2, 6)."""
+    each = np.array([each.push[index] for each in (row.by, row.error)])
+    return each * row.parameter.value / found.at.push[index]
+
+
 def _show_scatter(found: Sensitivity, index: int) -> None:
     scatter = found.scatter()
     if scatter is None:
@@ -245,6 +267,9 @@ def _show_scatter(found: Sensitivity, index: int) -> None:
     )
     each = zip(DIAGONAL, shares, strict=True)
     words = ", ".join(f"{name} ± {100 * share:.2g} %" for name, share in each)
+    pushes = scatter.push[index] / found.at.push[index]
+    each = zip(PUSHES, pushes, strict=True)
+    words += ", " + ", ".join(f"{name} ± {100 * p:.2g} %" for name, p in each)
     more = f", f1 ± {100 * scatter.frequency[index] / found.at.frequency[index]:.2g} %"
     sag = np.linalg.norm(found.at.sag[index, :3])
     if sag > 0:

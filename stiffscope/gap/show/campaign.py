@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.errors import say_count
 from stiffscope.gap.campaign.copies import find_copies
 from stiffscope.gap.campaign.kinds import KINDS
 from stiffscope.gap.campaign.quantities import WRENCH
@@ -59,6 +60,7 @@ def plan_json(proposal: Proposal) -> dict[str, Any]:
                 "second": pair.second,
                 "ln_odds": pair.log_odds,
                 "hidden": list(pair.hidden),
+                "larger_pulls": pair.larger if np.isfinite(pair.larger) else None,
                 "asked": pair.asked,
             }
             for pair in proposal.pairs
@@ -92,14 +94,24 @@ def show_plan(proposal: Proposal, names: Sequence[str]) -> None:
 
 def _show_pairs(title: str, pairs: Sequence[Answered]) -> None:
     rows = [
-        [p.first, p.second, f"{p.log_odds:.3g}", ", ".join(p.hidden)]
+        [p.first, p.second, f"{p.log_odds:.3g}", ", ".join(p.hidden), _cure(p)]
         for p in pairs[:_PAIRS]
     ]
     pair = "true", "instead"
     if rows:
-        show_table(title, [pair, ["ln-odds", "unresolved"]], rows, prose=pair)
+        columns = ["ln-odds", "unresolved", "what would resolve it"]
+        show_table(title, [pair, columns], rows, prose=pair)
     if len(pairs) > _PAIRS:
         show_line(f"and {len(pairs) - _PAIRS} more: see --json")
+
+
+def _cure(pair: Answered) -> str:
+    """Return what would resolve the hidden parameters of a pair."""
+    if not pair.hidden:
+        return ""
+    if np.isinf(pair.larger):
+        return "none of these readings"
+    return f"pulls {pair.larger:g} times as large"
 
 
 def campaign_json(
@@ -147,7 +159,7 @@ def _sensor(c: Campaign, k: int) -> dict[str, Any]:
     frame = {"frame": s.frame, "at_sigma": s.at_sigma} if s.absolute else {}
     return {
         "measures": s.measures,
-        "body": s.body,
+        "body": s.place,
         "direction": list(s.direction),
         "against": s.against,
         **frame,
@@ -202,8 +214,8 @@ def show_campaign(facts: Mapping[str, Any], name: str) -> None:
 def _show_readings(facts: Mapping[str, Any], name: str) -> None:
     counts = facts["kinds"].items()
     kinds = ", ".join(f"{count} {_PLURAL[kind]}" for kind, count in counts)
-    readings = f"{facts['readings']} readings ({kinds})"
-    show_line(f"{name}: {readings} at {len(facts['poses'])} poses", "bold")
+    readings = f"{say_count(facts['readings'], 'reading')} ({kinds})"
+    show_line(f"{name}: {readings} at {say_count(len(facts['poses']), 'pose')}", "bold")
     if facts["empty"]:
         show_line(f"  {facts['empty']} of them have no value yet")
     if facts["copies"]:

@@ -14,7 +14,7 @@ import unicodedata
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.errors import meant
+from stiffscope.errors import meant, say_count
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping
@@ -232,7 +232,7 @@ def _operation(node: ast.expr, text: str) -> tuple[Operation, list[ast.expr]]:
             function, count = FUNCTIONS[name]
             if len(args) != count:
                 raise ValueError(
-                    f"expected {count} argument(s) of {name}, got {len(args)}"
+                    f"expected {say_count(count, 'argument')} of {name}, got {len(args)}"
                 )
             return function, args
     hint = (

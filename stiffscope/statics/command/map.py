@@ -211,6 +211,7 @@ def _figures(
     held = f"natural frequencies, drives held{where}"
     kinds = (
         (True, maps.stiffness_title(found) + under, "map", maps.stiffness_panels),
+        (True, f"1/C_ii at M, a push{where}{under}", "push", maps.push_panels),
         (
             found.more,
             f"translation of M{where}{under}",

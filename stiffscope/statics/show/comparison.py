@@ -10,7 +10,8 @@ from stiffscope.report.page import Section
 from stiffscope.report.pictures import draw, optional_pictures
 from stiffscope.report.robot_scene import place_robot, scene_of
 from stiffscope.report.run_report import AT_M
-from stiffscope.report.terminal import show_table
+from stiffscope.report.tables import PUSH_WORDS
+from stiffscope.report.terminal import show_line, show_table
 from stiffscope.statics.show import maps
 from stiffscope.vjm.kinematics.configurations import configure
 from stiffscope.vjm.model.mechanism import COORDINATES, DIAGONAL
@@ -27,40 +28,59 @@ _FACTORS = np.array([1e-6] * 3 + [1e-3] * 3)
 
 
 def robots_json(found: RobotComparison) -> dict[str, Any]:
-    """Return stiffness and sag of both robots, and the ratio of the diagonals, for JSON output."""
+    """Return stiffness, sag and mass of both robots, and ratios of stiffnesses, for JSON output."""
     diagonal = np.diagonal(found.stiffness, axis1=2, axis2=3)
     return {
         "robots": list(found.names),
         "poses": list(found.poses),
         "stiffness": found.stiffness,
+        "push": found.push,
         "sag": found.sag,
+        "mass": found.mass,
         "ratio": diagonal[1] / diagonal[0],
+        "push_ratio": found.push[1] / found.push[0],
     }
 
 
 def show_robots(found: RobotComparison) -> None:
-    """Print the stiffness diagonal and the sag of both robots, and the change of stiffness."""
+    """Print K_ii, 1/C_ii, sag and mass of both robots, and the change of stiffness and mass."""
     first, second = found.names
     diagonal = np.diagonal(found.stiffness, axis1=2, axis2=3)
     rows = []
     sags = []
     sag = _round_alike(1e6 * found.sag.reshape(2, -1, 2, 3)).reshape(found.sag.shape)
     for p, pose in enumerate(found.poses):
+        pushes = []
         for k, entry in enumerate(DIAGONAL):
             name = "" if k else pose
-            (before, after) = diagonal[:, p, k]
-            known = np.isfinite(before) and np.isfinite(after) and before
-            change = f"{100 * (after / before - 1):+.2f} %" if known else ""
-            both = (f"{_FACTORS[k] * each:.5g}" for each in (before, after))
-            rows.append([name, entry, _UNITS[k], *both, change])
+            held = _compare(diagonal[:, p, k], _FACTORS[k])
+            rows.append([name, entry, _UNITS[k], *held])
+            pushed = _compare(found.push[:, p, k], _FACTORS[k])
+            pushes.append(["", f"1/C_{entry[2:]}", _UNITS[k], *pushed])
             unit = "µm" if k < 3 else "µrad"
             sags.append(
                 [name, COORDINATES[k], unit, *(f"{each:.4g}" for each in sag[:, p, k])]
             )
+        rows += pushes
     groups = [["pose"], ["entry", "unit", first, second, "change"]]
     show_table("Stiffness at M, no gravity", groups, rows, prose=_WORDS)
+    show_line(f"  {PUSH_WORDS}")
     groups = [["pose"], ["component", "unit", first, second]]
     show_table("Sag under their own weight", groups, sags, prose=_WORDS)
+    masses = ("moving bodies", *_compare(found.mass, 1.0))
+    show_table("Mass", [["kg", first, second, "change"]], [masses])
+
+
+def _compare(both: np.ndarray, factor: float) -> tuple[str, str, str]:
+    """Return two values in the unit of a table, and the change of the second in percent."""
+    before, after = (float(each) for each in both)
+    known = np.isfinite(before) and np.isfinite(after) and before
+    change = f"{100 * (after / before - 1):+.2f} %" if known else ""
+    first, second = (
+        f"{factor * each:.5g}" if np.isfinite(each) else "rigid"
+        for each in (before, after)
+    )
+    return first, second, change
 
 
 def _round_alike(values: np.ndarray) -> np.ndarray:

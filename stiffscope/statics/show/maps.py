@@ -58,6 +58,20 @@ def stiffness_panels(found: StiffnessMap) -> list[Panel]:
     ]
 
 
+def push_panels(found: StiffnessMap) -> list[Panel]:
+    """Return panels of 1/C_ii, the stiffness that a push along each direction meets."""
+    each = zip(COORDINATES, UNITS, np.moveaxis(found.push, -1, 0), strict=True)
+    return [
+        Panel(
+            f"$1/C$ along {axis} ({unit})"
+            if k < 3
+            else f"$1/C$ about {axis[1]} ({unit})",
+            factor * values,
+        )
+        for k, (axis, (unit, factor), values) in enumerate(each)
+    ]
+
+
 def difference_panels(
     found: StiffnessMap, words: str = "with − without weight (ppm)", factor: float = 1e6
 ) -> list[Panel]:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.errors import say_count
 from stiffscope.report.figures import new_figure, save_figures
 from stiffscope.report.page import Chart, Section, Series
 from stiffscope.runtime.formats import write_netcdf, write_table
@@ -81,7 +82,7 @@ def write_page(response: Response, report: Draft) -> None:
         f"displacement at {r.target}",
         f"receptance in {r.written_unit}",
         f"damping ratio of every mode {r.damping:g}",
-        f"{len(r.hertz):,} frequencies",
+        say_count(len(r.hertz), "frequency", "frequencies"),
     ]
     sections = [Section("Frequency response", (), drawn, charts=[chart_responses(r)])]
     report.write(f"{r.robot}: frequency response", facts, sections)
