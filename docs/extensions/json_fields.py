@@ -1134,6 +1134,10 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
                 "effect outside the library: whether three known effects reproduce its readings",
                 "",
             ),
+            "outcomes[].redrawn": (
+                "effects drawn before, with which EXUDYN found no equilibrium",
+                "",
+            ),
             "outcomes[].verdict": ("verdict of the diagnosis", ""),
             "outcomes[].named": ("diagnosed effects", ""),
             "outcomes[].confused_with": (
