@@ -16,15 +16,29 @@ class StiffscopeError(Exception):
 
 
 class InputError(StiffscopeError, ValueError):
-    """Invalid input; the message is one line: file or field, what was expected, what is valid."""
+    """Invalid input; the message is one line: file or field, what was expected, what is valid.
 
-    def __init__(self, message: str = "") -> None:
-        """Escape unprintable characters so that the message stays on one line."""
-        super().__init__(
-            "".join(
-                each if each.isprintable() else repr(each)[1:-1] for each in message
-            )
-        )
+    Attributes
+    ----------
+    further
+        Messages of what else is wrong with the same file, each one line.
+    """
+
+    def __init__(self, message: str = "", further: Iterable[str] = ()) -> None:
+        """Escape unprintable characters so that each message stays on one line."""
+        super().__init__(_on_one_line(message))
+        self.further = tuple(_on_one_line(other) for other in further)
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """All messages."""
+        return (str(self), *self.further)
+
+
+def _on_one_line(message: str) -> str:
+    return "".join(
+        letter if letter.isprintable() else repr(letter)[1:-1] for letter in message
+    )
 
 
 def check_kind(name: str, value: object, kind: Any, maker: str) -> None:

@@ -413,6 +413,10 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             ),
             "bounds[].end?": ("`lower` or `upper`", ""),
             "bounds[].designs?": ("number of best designs at this bound", ""),
+            "present": (
+                "design of the robot file: `values`, `responses`, `reason` of a failure; null for a share",
+                "SI",
+            ),
             "nearest": (
                 "if no design is feasible, the nearest one: its number, the violated constraint, its value",
                 "",
@@ -901,6 +905,10 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             ),
             "plan.pairs[].hidden": (
                 "parameters of the first that no available reading distinguishes from the second",
+                "",
+            ),
+            "plan.pairs[].larger_pulls": (
+                "factor on the pulls that distinguishes those, too; 1 if none are left, null if none does",
                 "",
             ),
             "plan.pairs[].asked": ("whether both belong to the question", ""),

@@ -143,7 +143,8 @@ def fit_drives(source: Path) -> tuple[Array, float, float, float]:
     before, after, out = (float(np.sqrt(np.mean(np.square(each)))) for each in sizes)
     seen = np.linalg.norm(columns, axis=(0, 1)) * UNSEEN > after
     stiffness = np.full(6, np.nan)
-    stiffness[seen] = 1.0 / np.maximum(found[seen], 1e-300)
+    seen &= found > 0.0  # nonnegative least squares may leave a drive rigid
+    stiffness[seen] = 1.0 / found[seen]
     return stiffness, before, after, out
 
 
@@ -176,7 +177,10 @@ def main() -> None:
     chosen = parser.parse_args()
     count = convert(chosen.source, chosen.out)
     stiffness, *sizes = fit_drives(chosen.source)
-    drives = ", ".join(f"J{k + 1} {v / 1e3:.3g}" for k, v in enumerate(stiffness))
+    drives = ", ".join(
+        f"J{k + 1} not seen" if np.isnan(v) else f"J{k + 1} {v / 1e3:.3g}"
+        for k, v in enumerate(stiffness)
+    )
     rms = ", ".join(f"{1e3 * size:.3f}" for size in sizes)
     print(f"{count} load cases; least squares, kN·m/rad: {drives}")
     print(f"rms a coordinate, mm: before, after, each left out: {rms}")

@@ -104,7 +104,7 @@ def _guarded(arguments: list[str]) -> int:  # noqa: PLR0911 (one return per way 
         cli.main(arguments, prog_name="stiffscope", standalone_mode=False)
         sys.stdout.flush()
     except InputError as error:
-        _say(str(error))
+        _say(*error.lines)
         return 2
     except click.UsageError as error:
         _show_usage(error)
@@ -247,7 +247,8 @@ def _stop(number: int, _frame: Any) -> NoReturn:
     raise KeyboardInterrupt if number == signal.SIGINT else Stopped
 
 
-def _say(text: str) -> None:
-    plain = " ".join(show_path(word) for word in text.split())
-    with contextlib.suppress(OSError):
-        click.echo(f"stiffscope: {plain}", err=True)
+def _say(*texts: str) -> None:
+    for text in texts:
+        plain = " ".join(show_path(word) for word in text.split())
+        with contextlib.suppress(OSError):
+            click.echo(f"stiffscope: {plain}", err=True)

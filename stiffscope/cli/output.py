@@ -82,6 +82,7 @@ def emit(
     page: Callable[[Draft], None] = _nothing,
     kept: str = "",
     also: Callable[[], None] = _nothing,
+    following: str = "",
 ) -> None:
     """Write the results of a command: output folder, JSON, further files, then tables.
 
@@ -105,6 +106,8 @@ def emit(
         Name of a JSON file of the folder with the answer, if any.
     also
         Writes further files of the command after folder and JSON were written.
+    following
+        Commands that a user may want next, shown last.
     """
     output.check_json()
     if callable(answer) and (output.json or kept):
@@ -129,6 +132,8 @@ def emit(
             show_line(
                 f"Written to {output.folder} in {manifest.measure_elapsed():.1f} s"
             )
+        if following:
+            show_line(f"Next: {following}")
 
 
 @contextmanager

@@ -63,7 +63,7 @@ def find_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> As
             reason = found.refusal(index)
             if name in robot.poses and not (at or joints):
                 raise robot.refuse(("poses", name), reason)
-            bare = name not in robot.poses and not re.search(r"\d *[a-z]", name)
+            bare = name not in robot.known_poses and not re.search(r"\d *[a-z]", name)
             hint = "; numbers without a unit are m and rad" if bare else ""
             raise InputError(f"{name}: {reason}{hint}")
     note = "" if joints else start_note(mechanism)
@@ -74,15 +74,15 @@ def find_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> As
 
 def _coordinates(robot: RobotFile, text: str) -> tuple[float, ...]:
     """Return a pose, m and rad, from its name or coordinates."""
-    if text in robot.poses:
-        return robot.poses[text]
+    if text in robot.known_poses:
+        return robot.known_poses[text]
     pose = robot.tool.pose
     try:
         return q.several(text, *map(robot.dimension_of, pose))
     except ValueError as error:
         examples = {"z": "350 mm", **dict.fromkeys(("rx", "ry", "rz"), "10 deg")}
         example = ",".join(examples.get(name, "0") for name in pose)
-        names = f" or a pose of {robot.path}: {', '.join(robot.poses)}"
+        names = f" or a pose of {robot.path}: {', '.join(robot.known_poses)}"
         expected = f'expected {",".join(pose).upper()} such as "{example}"{names}'
         raise InputError(f"--at {text}: {error}; {expected}") from error
 

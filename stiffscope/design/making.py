@@ -9,10 +9,12 @@ from __future__ import annotations
 
 import json
 import math
+import os
 import threading
 import time
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
@@ -39,14 +41,13 @@ from stiffscope.vjm.kinematics.configurations import configure
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
-    from pathlib import Path
 
     from stiffscope.design.study_file import StudyFile, Values
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.path.job import Job
     from stiffscope.runtime.types import Array
 
-    Row = tuple[int, Values]
+    Row = tuple[int, Values | None]
 
 CODE = (
     "stiffscope.cad",
@@ -131,6 +132,15 @@ class Journal:
         numbers = [None if math.isnan(each) else each for each in design.responses]
         self._write([design.values, numbers, design.reason, round(design.seconds, 6)])
 
+    def _name(self) -> str:
+        """Return the study's file from where the output folder stands: both may move together."""
+        file = self._file.path.resolve()
+        try:
+            place = os.path.relpath(file, self.path.parent.parent.resolve())
+        except ValueError:  # on another drive
+            return file.as_posix()
+        return Path(place).as_posix()
+
     def _write(self, content: Any) -> None:
         if self._stream is None:
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -140,9 +150,7 @@ class Journal:
                     each.column
                     for each in (*self._file.variables, *self._file.responses)
                 ]
-                self._write(
-                    {"study": str(self._file.path.resolve()), "columns": columns}
-                )
+                self._write({"study": self._name(), "columns": columns})
             else:
                 with self.path.open("rb") as held:
                     held.seek(-1, 2)
@@ -218,19 +226,21 @@ def open_makers(file: StudyFile, count: int, scheduler: str | None) -> Iterator[
             jobs = ((row, (known, row[1])) for row in rows)
             for (row, values), future in work_through(executor, _make_shared, jobs):
                 if isinstance(future.exception(), WorkerError):
-                    yield row, Design(values, nothing, _ENDED, again=True)
+                    yield row, Design(values or (), nothing, _ENDED, again=True)
                 else:
                     yield row, future.result()
 
         yield Makers(make, executor.end)
 
 
-def _make_shared(file: Shared, values: Values) -> Design:
+def _make_shared(file: Shared, values: Values | None) -> Design:
     return make_design(file.value, values)
 
 
-def make_design(file: StudyFile, values: Values) -> Design:
+def make_design(file: StudyFile, values: Values | None) -> Design:
     """Compute a design: read the robot, test its parts, evaluate its responses.
+
+    ``values``: of the variables; None: those of the robot file.
 
     Runs on any machine. Any error becomes the design's reason, so that it does not end the study.
     """
@@ -247,7 +257,11 @@ def make_design(file: StudyFile, values: Values) -> Design:
             again = True
             reason = f"{type(error).__name__}: {error}"
     return Design(
-        values, found, " ".join(reason.split()), time.perf_counter() - begun, again
+        values or (),
+        found,
+        " ".join(reason.split()),
+        time.perf_counter() - begun,
+        again,
     )
 
 
@@ -262,8 +276,8 @@ def _follow_path(job: Job, assembled: Assembled, asked: set[str]) -> dict[str, A
     return found
 
 
-def _respond(file: StudyFile, values: Values) -> tuple[float, ...]:
-    robot = file.design(values)
+def _respond(file: StudyFile, values: Values | None) -> tuple[float, ...]:
+    robot = file.robot if values is None else file.design(values)
     of_robot = [response for response in file.responses if response.job is None]
     names = dict.fromkeys(name for r in of_robot for name in r.expression.names)
     with workshop() as shop:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import contextlib
+import logging
 import math
 import threading
 from array import array
 from collections.abc import Sequence
 from concurrent.futures import CancelledError
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -26,6 +27,7 @@ from stiffscope.design.outcomes import Outcomes, find_front
 from stiffscope.design.search import SWEEPS, Ending, search
 from stiffscope.design.study_reading import load_study
 from stiffscope.errors import InputError
+from stiffscope.robot.parameters import parameters
 from stiffscope.runtime.brief import describe_briefly
 
 if TYPE_CHECKING:
@@ -38,7 +40,9 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.runtime.types import Array, Indices, Progress
 
+log = logging.getLogger(__name__)
 WHOLE = (1, 1)
+_FEW = 4  # designs after which a goal or limit that none has changed is told
 
 
 @dataclass(frozen=True, eq=False)
@@ -79,6 +83,7 @@ class Study:
     outcomes : objectives and violations of each design.
     best : indices of the optimum, or of the Pareto front sorted by the first objective.
     ending : convergence of the search.
+    present : the design of the robot file, with the values of variables that are numbers; None if it was not computed.
     """
 
     __repr__ = describe_briefly
@@ -88,6 +93,7 @@ class Study:
     outcomes: Outcomes
     best: tuple[int, ...]
     ending: Ending
+    present: Design | None = None
 
     @property
     def table(self) -> pd.DataFrame:
@@ -191,6 +197,8 @@ def run_study(
             report=report,
             part=part,
         )
+        if part == WHOLE:
+            desk.compute_present()
         return desk.finish(search(file, desk, part))
 
 
@@ -255,9 +263,12 @@ def find_study(folders: Sequence[Path]) -> Path:
             raise InputError(
                 f"{folder.parent}: expected the output folder of a share, got {got}"
             )
-        for path in filter(None, map(name_study, sorted(folder.glob(f"*{SUFFIX}")))):
-            if Path(path).is_file():
-                return Path(path)
+        names = map(name_study, sorted(folder.glob(f"*{SUFFIX}")))
+        for name in filter(None, names):
+            # relative to where the output folder stands, which may hold the journals
+            for place in folder.absolute().parents[:2]:
+                if (place / name).is_file():
+                    return place / name
     expected = "expected the study's file where it was when its shares were made"
     raise InputError(f"{expected}; give it: study merge STUDY.toml DIR...")
 
@@ -287,6 +298,8 @@ class _Desk:
         self.lock = threading.Lock()
         self.ended = False
         self.done = 0
+        self.present: Design | None = None
+        self.unchanged: dict[int, float] = {}
         for design in (each for source in stored for each in source.read()):
             self._keep(self._find_row(design.values), design)
 
@@ -311,12 +324,50 @@ class _Desk:
                     self._count()
 
         for row, design in self.makers.make(missing()):
+            self._warn_of_unchanged(design)
             if self.journal is not None and not design.again:
                 self.journal.add(design)
             with self.lock:
                 self._keep(row, design)
             self._count()
         return self._judge(np.array(rows, dtype=np.int64))
+
+    def compute_present(self) -> None:
+        """Compute the design of the robot file."""
+        file = self.file
+        known = {each.name: each for each in parameters(file.robot, file.components)}
+        values = tuple(
+            float(known[v.name].value) if v.name in known else "as in the file"
+            for v in file.variables
+        )
+        if self.report is not None:
+            self.report("the present design", 0.0)
+        for _, design in self.makers.make([(-1, None)]):
+            self.present = replace(design, values=values)
+        judged = {each.response for each in (*file.goals, *file.limits)}
+        self.unchanged = {
+            k: self.present.responses[k]
+            for k, response in enumerate(file.responses)
+            if self.present and not self.present.reason and response.name in judged
+        }
+
+    def _warn_of_unchanged(self, design: Design) -> None:
+        """Warn of a goal or limit that is the same in the first designs, which nothing changes."""
+        self.unchanged = {
+            k: value
+            for k, value in self.unchanged.items()
+            if design.reason or design.responses[k] == value
+        }
+        if self.done != _FEW - 1:
+            return
+        for k, value in self.unchanged.items():
+            response = self.file.responses[k]
+            message = (
+                "%s: %s is %g %s in the present design and in the first %d of the study: "
+                "does any of its parameters change it?"
+            )
+            name = self.file.path.name
+            log.warning(message, name, response.name, value, response.unit, _FEW)
 
     def end(self) -> None:
         """Stop: start no more designs and cancel running ones."""
@@ -378,7 +429,12 @@ class _Desk:
         designs = Designs(chosen, self._responses(rows), reasons, list(asked.values()))
         outcomes = self._judge(rows)
         return Study(
-            self.file, designs, outcomes, tuple(find_front(outcomes).tolist()), ending
+            file=self.file,
+            designs=designs,
+            outcomes=outcomes,
+            best=tuple(find_front(outcomes).tolist()),
+            ending=ending,
+            present=self.present,
         )
 
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.robot.file.override import write_override
 from stiffscope.robot.reader import read_robot
 
 if TYPE_CHECKING:
@@ -58,14 +58,6 @@ def round_off(value: float) -> float:
     return float(f"{value:.12g}")
 
 
-def write_override(name: str, value: Any) -> str:
-    """Return an override for `--set`."""
-    text = (
-        json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)
-    )
-    return f"{name}={text}"
-
-
 @dataclass(frozen=True)
 class Limit:
     """A bound on a response, SI."""
@@ -112,7 +104,7 @@ class StudyFile:
     def poses_of(self, robot: RobotFile) -> np.ndarray:
         """Return all poses (n, k) of a design, m and rad."""
         return np.array(
-            [robot.poses[p] if isinstance(p, str) else p for p in self.poses]
+            [robot.known_poses[p] if isinstance(p, str) else p for p in self.poses]
         )
 
     def design(self, values: Iterable[Value]) -> RobotFile:

@@ -25,13 +25,13 @@ from stiffscope.design.study_file import (
     StudyFile,
     Variable,
     round_off,
-    write_override,
 )
 from stiffscope.errors import InputError
 from stiffscope.lobes.chatter import check_cut
 from stiffscope.path.job import load_job
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.expressions import parse
+from stiffscope.robot.file.override import write_override
 from stiffscope.robot.file.parse import FieldError, Source, blame, parse_text
 from stiffscope.robot.file.tables import one_of, read_table
 from stiffscope.robot.file.values import (
@@ -385,18 +385,24 @@ def _list_poses(found: ResponseSection, robot: RobotFile, key: Key) -> list[Pose
         names = [names]
     if not isinstance(names, list) or not names:
         raise _refuse(where, 'names of poses, numbers in a list, or "map"', found.at)
-    numeric = re.match(r"\s*[-+.\d]", str(names[0])) and names[0] not in robot.poses
+    numeric = (
+        re.match(r"\s*[-+.\d]", str(names[0])) and names[0] not in robot.known_poses
+    )
     chosen = [names] if numeric else names
     out: list[Pose] = []
     for each in names if isinstance(found.at, str) else chosen:
         try:
             named = not isinstance(each, list)
             out.append(
-                one_of(each, robot.poses, "a pose") if named else pose_of(robot, each)
+                one_of(each, robot.known_poses, "a pose")
+                if named
+                else pose_of(robot, each)
             )
         except (InputError, ValueError) as error:
             raise FieldError(where, str(error).removeprefix("--at: ")) from error
-    numbers = [robot.poses[each] if isinstance(each, str) else each for each in out]
+    numbers = [
+        robot.known_poses[each] if isinstance(each, str) else each for each in out
+    ]
     configurations = configured_poses(robot, rigid_mechanism(robot), numbers)
     for index, valid in enumerate(configurations.valid):
         if not valid:

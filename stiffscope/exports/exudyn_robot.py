@@ -27,6 +27,7 @@ STRAIGHT = (1.0, 0.5, 0.2, 0.05, 0.01, 1e-3, 1e-6)
 """Shares of a straight law in that of a drive with a curve, in turn: Newton's method does not
 converge at once where a backlash has no stiffness. The last one remains."""
 ROUNDING = 1e-14  # of a force: what is left of it when a solution has converged
+SMALL = 1e-5  # of the robot's length: a displacement with which all is linear
 POINTS = np.vstack([np.eye(3), -np.eye(3)])  # mesh nodes about an interface
 
 
@@ -579,26 +580,43 @@ class Robot:
 
 
 def find_sag(model: dict[str, Any], pose: str) -> Any:
-    """Return the tool's small displacement (6,) under weight and lacks of fit, m and rad.
+    """Return the tool's small displacement (6,) under weight and lacks of fit, m and rad."""
 
-    Half the difference of the equilibria under both and under their opposites: what finite
-    displacements add is nearly even, and cancels.
-    """
-    plus = Robot(model, pose).settle()
-    opposite = Robot(model, pose, sign=-1.0)
-    opposite.set_gravity(-1.0)
-    return 0.5 * (plus - opposite.settle())
+    def move(share: float) -> Any:
+        robot = Robot(model, pose, sign=share)
+        robot.set_gravity(share)
+        return robot.settle()
+
+    return differentiate(model, move)
 
 
 def find_deflection(model: dict[str, Any], pose: str, wrench: Any) -> Any:
     """Return the tool's small displacement (6,) by a wrench (6,) at M alone, N and N m."""
     robot = Robot(model, pose, sign=0.0)
     robot.set_gravity(0.0)
-    twists = []
-    for sign in (1.0, -1.0):
-        robot.load_tool(sign * np.asarray(wrench, dtype=float))
-        twists.append(robot.settle())
-    return 0.5 * (twists[0] - twists[1])
+
+    def move(share: float) -> Any:
+        robot.load_tool(share * np.asarray(wrench, dtype=float))
+        return robot.settle()
+
+    return differentiate(model, move)
+
+
+def differentiate(model: dict[str, Any], move: Callable[[float], Any]) -> Any:
+    """Return the small displacement (6,) by loads, of the displacement by shares of them.
+
+    Half the difference of the equilibria under loads and their opposites: what finite displacements
+    add is nearly even, and cancels. The rest is of the third order, and small for a share of the
+    loads; all of them act where a drive's curve is to be followed.
+    """
+    twist = 0.5 * (move(1.0) - move(-1.0))
+    unit = np.repeat([1.0, model["length"]], 3)
+    size = float(np.abs(twist * unit).max()) / model["length"]
+    curved = any(joint["law"] for joint in model["joints"].values())
+    if curved or size < SMALL:
+        return twist
+    share = SMALL / size
+    return 0.5 * (move(share) - move(-share)) / share
 
 
 def report(model: dict[str, Any]) -> None:

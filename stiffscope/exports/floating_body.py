@@ -23,8 +23,6 @@ from stiffscope.vjm.model.bodies import rigid_motions
 from stiffscope.vjm.model.screws import shift
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from stiffscope.vjm.model.bodies import Body, Elastic
     from stiffscope.vjm.model.dynamics import Dynamics
     from stiffscope.vjm.model.screws import Array
@@ -85,7 +83,6 @@ def elastic_of(body: Body) -> Elastic:
 def float_body(
     body: Body,
     root: int,
-    taken: Mapping[int, Array],
     smallest: Array,
     highest: float,
 ) -> FloatingBody:
@@ -97,9 +94,6 @@ def float_body(
         Elastic body.
     root
         Index of the end from which the chain starts.
-    taken
-        Compliances (6, 6) by index of an end, in part axes at its place, that springs elsewhere
-        have in series with the body; subtracted from its own.
     smallest
         (6,) compliances, m/N and rad/(N·m), for directions in which the body is rigid.
     highest
@@ -115,12 +109,6 @@ def float_body(
     order = (root, *(k for k in range(count) if k != root))
     local = (elastic.places - elastic.places[root]) @ elastic.axes
     stiffness = clamped_stiffness(body, root, smallest)
-    for position, end in enumerate(order[1:]):
-        if end in taken:
-            at = slice(6 * position, 6 * position + 6)
-            compliance = np.linalg.inv(stiffness)
-            compliance[at, at] -= taken[end]
-            stiffness = np.linalg.inv(0.5 * (compliance + compliance.T))
     places = local[list(order)]
     if elastic.dynamics is None:
         centre = np.zeros(3)

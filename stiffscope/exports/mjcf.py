@@ -19,13 +19,10 @@ from stiffscope.exports.mujoco_model import (
     load_mujoco,
 )
 from stiffscope.exports.target import Exported, Order
-from stiffscope.vjm.model.checks import GROUND
 from stiffscope.vjm.statics.analysis import compliance, sag
-from stiffscope.vjm.statics.yielding import respond
 from stiffscope.vjm.vibration.modes import frequencies
 
 if TYPE_CHECKING:
-    from stiffscope.vjm.kinematics.configurations import Configurations
     from stiffscope.vjm.model.joints import Joint
     from stiffscope.vjm.model.mechanism import Mechanism
     from stiffscope.vjm.model.screws import Array
@@ -34,21 +31,17 @@ COUNT = 6
 """Lowest frequencies that the model keeps."""
 HIGHEST = 25.0
 """Default of `--highest`, times the highest of these: it becomes lower by 0.08 %."""
-DAMPING = 0.02
-"""Damping ratio at the highest of these; in proportion to the frequency at others."""
 STEP = 0.8
-"""Time step that is set, over the largest stable one at the poses: others may have a smaller one."""
-CLOSURES = ((0.05, 1e9, 1e-4), (0.05, 1e10, 1e-5), (0.01, 1e11, 1e-6))
-"""Share of the compliance next to a cut joint that the closure of its loop takes; its least
-stiffness in N/m; moment of inertia of bodies without, over mass times squared size. They are tried in
-turn until the model is accurate. 1e9 N/m open by 0.1 µm under 100 N."""
+"""Time step that is set, over the largest stable one."""
+CLOSURES = ((1e4, 1e-4), (1e5, 1e-5), (1e6, 1e-6))
+"""Stiffness of springs that close loops over that of the tool; moment of inertia of bodies without,
+over mass times squared size. They are tried in turn until the model is accurate."""
+LEAST = 1e10
+"""N/m: least stiffness of springs that close loops, which open by 10 nm under 100 N."""
 ENOUGH = 0.003
 """Deviation of compliance and frequencies with which the first of these is kept."""
-FORCE = 100.0
-"""N, on the tool, under which loops stay closed."""
-GAP = 2e-7
-"""m, by which a ball joint that closes a loop may then open."""
 _IDLE = 1e-3  # of all masses, for the inertia of joints of bodies without
+_STILL = 0.05  # of the lowest frequency: slower motions are free
 _STIFF = 1e-5  # of the tool's least compliance: what stands for none
 _UNIT = 1e-12  # of a compliance, squared, beside its largest: a rigid direction
 
@@ -97,12 +90,10 @@ def export_robot(order: Order) -> Exported:
         name = order.asked.names[int(np.flatnonzero(free)[0])]
         expected = "expected drives or springs that hold the tool"
         raise InputError(f"{name}: {expected}, got a tool that moves freely")
-    tuning = tune(mechanism, wanted, order.highest)
-    tuning = replace(tuning, needed=needed_closures(straight, found))
     best: Trial | None = None
-    for share, rigid, unknown in CLOSURES:
-        chosen = replace(tuning, share=share, rigid=rigid, unknown=unknown)
-        trial = _try(mujoco, order, chosen, wanted)
+    for choice in CLOSURES:
+        tuning = tune(mechanism, wanted, order.highest, found.linkage.length, choice)
+        trial = _try(mujoco, order, tuning, wanted)
         if best is None or trial.deviation < best.deviation:
             best = trial
         if trial.deviation < ENOUGH:
@@ -140,55 +131,43 @@ def _straighten(joint: Joint) -> Joint:
     return replace(joint, drive=replace(joint.drive, stiffness=last, law=None))
 
 
-def tune(mechanism: Mechanism, wanted: Wanted, highest: float | None) -> Tuning:
-    """Return how a robot is put into MuJoCo; ``highest`` in Hz."""
+def tune(
+    mechanism: Mechanism,
+    wanted: Wanted,
+    highest: float | None,
+    length: float,
+    choice: tuple[float, float],
+) -> Tuning:
+    """Return how a robot is put into MuJoCo.
+
+    Parameters
+    ----------
+    mechanism, wanted
+        The robot, its compliance and frequencies.
+    highest
+        Frequency, Hz, above which vibrations are lumped; None: ``HIGHEST``.
+    length
+        Size of the robot, m.
+    choice
+        One of ``CLOSURES``.
+    """
+    firm, unknown = choice
     soft = wanted.compliance
     least = np.array([_least(soft[:, :3, :3]), _least(soft[:, 3:, 3:])])
     sixth = float(np.nanmax(wanted.frequencies))
     limit = 2.0 * np.pi * (highest or HIGHEST * sixth)
-    damping = 2.0 * DAMPING / (2.0 * np.pi * sixth)
     bare = sum(body.mass == 0.0 for body in mechanism.bodies)
     idle = _IDLE * sum(body.mass for body in mechanism.bodies) / max(1, bare)
-    smallest = np.repeat(_STIFF * least, 3)
-    share, rigid, unknown = CLOSURES[0]
+    closing = max(firm / least[0], LEAST)
     return Tuning(
         highest=limit,
-        damping=damping,
-        smallest=smallest,
-        rigid=rigid,
-        share=share,
+        # a damping ratio of one half at the highest frequency
+        damping=1.0 / limit,
+        smallest=np.repeat(_STIFF * least, 3),
+        closing=(closing, closing * length**2),
         unknown=unknown,
         idle=idle,
     )
-
-
-def needed_closures(
-    mechanism: Mechanism, found: Configurations
-) -> dict[tuple[str, str], Array]:
-    """Return the stiffness (3,), N/m, with which ball joints at elastic ends open little enough.
-
-    Along part axes, under weight and forces of ``FORCE`` on the tool together.
-    """
-    loads = np.hstack([np.zeros((6, 1)), FORCE * np.eye(6)[:, :3]])
-    weight = np.array([1.0, 0.0, 0.0, 0.0])
-    done = respond(mechanism, found, loads, gravity=weight)
-    nodes = {n for b in mechanism.bodies if b.elastic is not None for n in b.nodes}
-    out = {}
-    for joint in mechanism.joints:
-        ends = [n for n in (joint.first, joint.second) if n in nodes]
-        if not joint.type.is_ball or not ends:
-            continue
-        force = joint.axes @ done.find_wrench((joint.name,))[:, :3]
-        if joint.first != GROUND:
-            carrier = mechanism.body(mechanism.carrier(joint.first))
-            turn = found.frame(joint.first)[0]
-            own = np.eye(3) if carrier.elastic is None else carrier.elastic.axes
-            force = turn @ own.T @ force
-        for node in ends:
-            along = found.frame(node)[0].mT @ force
-            largest = np.abs(along).sum(axis=2).max(axis=0)
-            out[joint.name, node] = largest / GAP
-    return out
 
 
 def _least(blocks: Array) -> float:
@@ -205,7 +184,9 @@ def _try(mujoco: Any, order: Order, tuning: Tuning, wanted: Wanted) -> Trial:
     _add_options(writer.root, mechanism)
     model = mujoco.MjModel.from_xml_string(_text(writer.root))
     positions = key_positions(mujoco, model, writer.coordinates, found)
-    spectra = tuple(find_spectrum(mujoco, model, each) for each in positions)
+    known = wanted.frequencies
+    still = _STILL * float(known[np.isfinite(known) & (known > 0.0)].min())
+    spectra = tuple(find_spectrum(mujoco, model, each, still) for each in positions)
     soft = [
         _deviate(spectrum.compliance, right)
         for spectrum, right in zip(spectra, wanted.compliance, strict=True)
@@ -239,7 +220,9 @@ def _finish(mujoco: Any, order: Order, trial: Trial, wanted: Wanted) -> Exported
     """Return the model with its time step and its keyframes."""
     writer = trial.writer
     mechanism = order.assembled.mechanism
-    largest = 1.0 / (np.pi * max(each.highest for each in trial.spectra))
+    # Springs with damping c = K/w_h that are integrated implicitly are stable up to 2/w_h, however
+    # stiff they are: a step h multiplies what is stiff by 1 - h w_h.
+    largest = 2.0 / writer.tuning.highest
     step = float(f"{STEP * largest:.1e}")
     _add_step(writer.root, step)
     add_meshes(writer, order.assembled)
@@ -300,6 +283,9 @@ def _add_options(root: ET.Element, mechanism: Mechanism) -> None:
     option.set("gravity", numbers(mechanism.gravity))
     flag = ET.SubElement(option, "flag")
     flag.set("contact", "disable")
+    # without mass behind them, springs that close loops accelerate what they hold beyond the 1e10
+    # m/s² that MuJoCo takes for a failure, for a step
+    flag.set("autoreset", "disable")
     root.insert(0, compiler)
     root.insert(1, option)
 

@@ -2,37 +2,29 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from stiffscope.exports.floating_body import (
-    clamped_stiffness,
     diagonalize,
     elastic_of,
     float_body,
 )
 from stiffscope.exports.frames import compose, displacement, relative
-from stiffscope.exports.loop_closure import (
-    Closure,
-    close_loop,
-    count_moved,
-    hold_points,
-    taken_compliance,
-)
-from stiffscope.exports.spanning_tree import is_loaded, span_tree
-from stiffscope.vjm.model.checks import BASE, GROUND, TOOL, axes_along
+from stiffscope.exports.spanning_tree import is_loaded, span_deep_tree
+from stiffscope.vjm.model.checks import BASE, GROUND, TOOL
 from stiffscope.vjm.model.screws import Frame, shift
 from stiffscope.vjm.network.network import END, FOOT, list_elements
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
+    from collections.abc import Sequence
 
     from stiffscope.exports.floating_body import Springs
-    from stiffscope.exports.spanning_tree import Branch, SpanningTree
+    from stiffscope.exports.spanning_tree import Branch
     from stiffscope.vjm.model.bodies import Body
     from stiffscope.vjm.model.joints import Joint, Law
     from stiffscope.vjm.model.mechanism import Mechanism
@@ -43,6 +35,7 @@ MASSLESS = (
     1e-10  # kg, and kg·m²: of bodies that carry none; MuJoCo has no bodies without
 )
 SITE = "tool"
+_FASTEST = 3e8  # rad/s, of a joint that closes a loop, on the springs that close it
 
 
 @dataclass(frozen=True)
@@ -57,13 +50,8 @@ class Tuning:
         s; damping of every spring over its stiffness.
     smallest
         (6,) compliances, m/N and rad/(N·m), where elastic bodies are rigid in some directions.
-    rigid
-        Least stiffness of a loop's closure, N/m.
-    needed
-        (3,) least stiffness, N/m, along the part axes of an elastic body's end at a ball joint that
-        closes a loop, by joint and node; between a hundredth of ``rigid`` and ``rigid``.
-    share
-        Of the compliance next to a cut joint that the closure takes, at most.
+    closing
+        (2,) stiffness of the springs that close loops, N/m and N·m/rad: nearly rigid.
     unknown
         Moment of inertia of bodies that have none, over mass times squared size.
     idle
@@ -73,11 +61,9 @@ class Tuning:
     highest: float
     damping: float
     smallest: Array
-    rigid: float
-    share: float
+    closing: tuple[float, float]
     unknown: float
     idle: float
-    needed: Mapping[tuple[str, str], Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False)
@@ -131,21 +117,13 @@ def write_tree(mechanism: Mechanism, name: str, tuning: Tuning) -> Writer:
     """
     writer = Writer(tuning, ET.Element("mujoco", model=name))
     elements = {e.name: _fold_drive(e) for e in list_elements(mechanism)}
-    tree = span_tree(mechanism)
-    nodes = {node: body for body in mechanism.bodies for node in body.nodes}
-    closures = _close_loops(mechanism, tree, elements, nodes, tuning)
+    tree = span_deep_tree(mechanism)
     writer.places[GROUND] = writer.world, Frame(np.eye(3), np.zeros(3))
     _add_base(writer, elements[BASE])
     for branch in tree.branches:
-        taken = {c.end: c.compliance for c in closures if c.body == branch.body}
-        lost = [c.compliance[0, 0] for c in closures if c.body == branch.joint.name]
-        element = elements[branch.joint.name]
-        if lost and branch.joint.drive is not None:
-            stiffer = branch.joint.drive.add_compliance(-sum(lost))
-            element = replace(element, joint=replace(_joint_of(element), drive=stiffer))
-        _add_branch(writer, mechanism, branch, element, taken)
-    for joint, closure in zip(tree.cuts, closures, strict=True):
-        _add_closure(writer, joint, elements[joint.name], closure)
+        _add_branch(writer, mechanism, branch, elements[branch.joint.name])
+    for cut in tree.cuts:
+        _close_loop(writer, mechanism, cut, elements[cut.joint.name])
     _add_tool(writer, mechanism, elements[TOOL])
     return writer
 
@@ -311,78 +289,18 @@ def _add_bearing(
 
 
 def _add_branch(
-    writer: Writer,
-    mechanism: Mechanism,
-    branch: Branch,
-    element: Element,
-    taken: Mapping[int, Array],
+    writer: Writer, mechanism: Mechanism, branch: Branch, element: Element
 ) -> None:
     """Add a joint and the body to which it leads."""
-    parent = FOOT if branch.parent == GROUND else branch.parent
-    joint = _joint_of(element)
     body = mechanism.body(branch.body)
-    frame = Frame(element.axes, element.at)
     home = Frame(np.eye(3), element.at)
     end = 0
     if body.elastic is not None:
         end = body.nodes.index(branch.node)
         home = Frame(body.elastic.axes, body.elastic.places[end])
     extra = _lacking_inertia(mechanism, body, tuning=writer.tuning)
-    compliance = joint.compliance
-    if compliance is not None and not compliance.any():
-        compliance = None
-    between = f"{joint.name}:bearing"
-    sign = 1.0 if branch.forward else -1.0
-    offset = element.offset
-    if offset is not None and not branch.forward:
-        offset = -offset
-    if compliance is None and offset is None:
-        entered, place = _add_body(writer, branch.node, parent, home)
-        _add_motions(
-            writer=writer,
-            body=entered,
-            place=place,
-            joint=joint,
-            element=element,
-            sign=sign,
-            extra=extra,
-        )
-    else:
-        # A bearing has the axes of the first body and its place on the second: it slides, but
-        # does not turn, with the joint.
-        before, after = ("P", "RS") if branch.forward else ("RS", "P")
-        if any(kind in before for kind, _ in joint.motions):
-            middle, place = _add_body(writer, f"{joint.name}:between", parent, frame)
-            _add_motions(
-                writer=writer,
-                body=middle,
-                place=place,
-                joint=joint,
-                element=element,
-                sign=sign,
-                extra=extra,
-                kinds=before,
-            )
-            _set_mass(middle, 0.0, place.origin(), None, place)
-            parent = f"{joint.name}:between"
-            writer.places[parent] = middle, place
-        middle, place = _add_body(writer, between, parent, frame, offset)
-        if compliance is not None:
-            _add_bearing(writer, middle, between, IDENTITY, compliance)
-        _set_mass(middle, 0.0, place.origin(), None, place)
-        writer.places[between] = middle, place
-        entered, place = _add_body(writer, branch.node, between, home)
-        _add_motions(
-            writer=writer,
-            body=entered,
-            place=place,
-            joint=joint,
-            element=element,
-            sign=sign,
-            extra=extra,
-            kinds=after,
-        )
-    writer.places[branch.node] = entered, place
+    _add_joint(writer, branch, element, branch.node, home, extra)
+    entered, place = writer.places[branch.node]
     if body.elastic is None:
         centre = element.at if body.centre is None else body.centre
         least = writer.tuning.unknown * body.mass * _measure(mechanism, body) ** 2
@@ -395,7 +313,104 @@ def _add_branch(
             least=least,
         )
         return
-    _add_elastic(writer, body, end, taken)
+    _add_elastic(writer, body, end)
+
+
+def _add_joint(
+    writer: Writer,
+    branch: Branch,
+    element: Element,
+    name: str,
+    home: Frame,
+    extra: tuple[float, float],
+) -> None:
+    """Add a joint's motions and bearing, and a body behind them at its place ``home``.
+
+    ``extra``: armature of the joint's translations, kg, and rotations, kg·m².
+    """
+    parent = FOOT if branch.parent == GROUND else branch.parent
+    joint = _joint_of(element)
+    frame = Frame(element.axes, element.at)
+    sign = 1.0 if branch.forward else -1.0
+    offset = element.offset
+    if offset is not None and not branch.forward:
+        offset = -offset
+    moves = partial(
+        _add_motions,
+        writer=writer,
+        joint=joint,
+        element=element,
+        sign=sign,
+        extra=extra,
+    )
+    if not _yields(element):
+        entered, place = _add_body(writer, name, parent, home)
+        moves(body=entered, place=place)
+        writer.places[name] = entered, place
+        return
+    # A bearing has the axes of the first body and its place on the second: it slides, but
+    # does not turn, with the joint.
+    before, after = ("P", "RS") if branch.forward else ("RS", "P")
+    if any(kind in before for kind, _ in joint.motions):
+        middle, place = _add_body(writer, f"{joint.name}:between", parent, frame)
+        moves(body=middle, place=place, kinds=before)
+        _set_mass(middle, 0.0, place.origin(), None, place)
+        parent = f"{joint.name}:between"
+        writer.places[parent] = middle, place
+    between = f"{joint.name}:bearing"
+    middle, place = _add_body(writer, between, parent, frame, offset)
+    if joint.compliance is not None:
+        _add_bearing(writer, middle, between, IDENTITY, joint.compliance)
+    _set_mass(middle, 0.0, place.origin(), None, place)
+    writer.places[between] = middle, place
+    entered, place = _add_body(writer, name, between, home)
+    moves(body=entered, place=place, kinds=after)
+    writer.places[name] = entered, place
+
+
+def _yields(element: Element) -> bool:
+    """Return whether a joint has a bearing that yields or does not fit."""
+    compliance = _joint_of(element).compliance
+    yields = compliance is not None and compliance.any()
+    return bool(yields) or element.offset is not None
+
+
+def _close_loop(
+    writer: Writer, mechanism: Mechanism, cut: Branch, element: Element
+) -> None:
+    """Close a loop: the joint leads to a body of its own, which springs tie to the actual one.
+
+    The springs act between a body and one of its ancestors, so that their damping is within the
+    sparse matrices by which MuJoCo integrates damping implicitly; ``span_deep_tree``.
+    """
+    joint = _joint_of(element)
+    last = FOOT if cut.node == GROUND else cut.node
+    node = FOOT if cut.parent == GROUND else cut.parent
+    held = range(6)
+    if joint.type.is_ball and not is_loaded(joint) and not _yields(element):
+        held = range(3)
+    elif joint.motions or _yields(element):
+        node = f"{joint.name}:end"
+        sliding, turning = (k / _FASTEST**2 for k in writer.tuning.closing)
+        home = Frame(np.eye(3), element.at)
+        _add_joint(writer, cut, element, node, home, (sliding, turning))
+        entered, place = writer.places[node]
+        _set_mass(entered, 0.0, place.origin(), None, place)
+    frame = Frame(element.axes, element.at)
+    _add_site(writer, f"{joint.name}:a", last, frame)
+    _add_site(writer, f"{joint.name}:b", node, frame)
+    for k in held:
+        spring = ET.SubElement(
+            writer.actuators, "general", name=f"{joint.name}:{k + 1}"
+        )
+        spring.set("site", f"{joint.name}:b")
+        spring.set("refsite", f"{joint.name}:a")
+        spring.set("gear", numbers(np.eye(6)[k]))
+        spring.set("gainprm", "0")
+        spring.set("biastype", "affine")
+        stiffness = writer.tuning.closing[k // 3]
+        damped = -stiffness * writer.tuning.damping
+        spring.set("biasprm", numbers([0.0, -stiffness, damped]))
 
 
 IDENTITY = Frame(np.eye(3), np.zeros(3))
@@ -507,13 +522,11 @@ def servos(stiffness: float, law: Law | None) -> list[tuple[float, float | None]
     return out
 
 
-def _add_elastic(
-    writer: Writer, body: Body, root: int, taken: Mapping[int, Array]
-) -> None:
+def _add_elastic(writer: Writer, body: Body, root: int) -> None:
     """Add an elastic body's mean axes, further ends and springs to its root end."""
     elastic = elastic_of(body)
     tuning = writer.tuning
-    chain = float_body(body, root, taken, tuning.smallest, tuning.highest)
+    chain = float_body(body, root, tuning.smallest, tuning.highest)
     nodes = [body.nodes[k] for k in chain.order]
     last = nodes[0]
     entered, place = writer.places[last]
@@ -569,193 +582,6 @@ def _displace_ends(body: Body, root: int) -> Array:
     for k, way in enumerate(ways):
         out[k] -= shift(way) @ own
     return out
-
-
-def _close_loops(
-    mechanism: Mechanism,
-    tree: SpanningTree,
-    elements: Mapping[str, Element],
-    nodes: Mapping[str, Body],
-    tuning: Tuning,
-) -> list[Closure]:
-    """Return the closure of every cut joint."""
-    roots = {branch.body: branch.node for branch in tree.branches}
-    single = _single_nodes(mechanism)
-    hung = set(roots.values())
-    beside = [_elastic_side(j, nodes, single - hung) for j in tree.cuts]
-    struts = _struts(mechanism, tree)
-    out = []
-    for joint, side in zip(tree.cuts, beside, strict=True):
-        element = elements[joint.name]
-        frame = closure_frame(element)
-        kind = "fixed" if is_loaded(joint) else joint.kind
-        moved = len(joint.motions) if is_loaded(joint) else count_moved(kind)
-        own = _joint_of(element).compliance
-        if own is not None and own.any():
-            local = _invert_used(own)
-            stiffness = close_loop(kind, local, tuning.rigid, tuning.share)
-            taken = taken_compliance(stiffness, local)
-            out.append(Closure(joint.name, -1, taken, stiffness, moved))
-            continue
-        if side is None:
-            driven = struts.get(joint.second) or struts.get(joint.first)
-            least = tuning.rigid
-            if driven is not None and driven.drive is not None:
-                least = max(least, driven.drive.stiffness / tuning.share)
-            stiffness = close_loop(kind, None, least, tuning.share)
-            lost = np.zeros((6, 6))
-            if driven is not None:
-                along = frame.matrix().T @ driven.axes[:, 0]
-                lost[0, 0] = float(along @ (along / stiffness[:3]))
-            name = driven.name if driven else ""
-            out.append(Closure(name, -2, lost, stiffness, moved))
-            continue
-        body = nodes[side]
-        end = body.nodes.index(side)
-        root = body.nodes.index(roots[body.name])
-        whole = clamped_stiffness(body, root, tuning.smallest)
-        row = 6 * (end - (end > root))
-        part = Frame(elastic_of(body).axes, elastic_of(body).places[end])
-        ball = not is_loaded(joint) and joint.type.is_ball
-        least: float | Array = tuning.rigid
-        if ball:
-            frame = Frame(elastic_of(body).axes, element.at)
-            needed = tuning.needed.get((joint.name, side), least)
-            least = np.clip(needed, 0.01 * tuning.rigid, tuning.rigid)
-        carry = relative(part, frame).adjoint()
-        local = carry.T @ whole[row : row + 6, row : row + 6] @ carry
-        alike = sum(1 for other in beside if other and nodes[other] is body)
-        stiffness = close_loop(kind, local, least, tuning.share / alike)
-        taken = carry @ taken_compliance(stiffness, local) @ carry.T
-        along = side if ball else ""
-        out.append(Closure(body.name, end, taken, stiffness, moved, along))
-    return out
-
-
-def _single_nodes(mechanism: Mechanism) -> set[str]:
-    """Return the nodes with one joint and without the tool: what passes it passes that joint."""
-    joints = Counter(n for j in mechanism.joints for n in (j.first, j.second))
-    return {n for n, count in joints.items() if count == 1} - {mechanism.tool.body}
-
-
-def _elastic_side(
-    joint: Joint, nodes: Mapping[str, Body], able: Collection[str]
-) -> str | None:
-    """Return the joint's node that is an end of an elastic body in series with the joint."""
-    for node in (joint.second, joint.first):
-        if node in able and nodes[node].elastic is not None:
-            return node
-    return None
-
-
-def _struts(mechanism: Mechanism, tree: SpanningTree) -> dict[str, Joint]:
-    """Return the linear drives that move a rigid body with one more joint, by that body."""
-    joints = Counter(n for j in mechanism.joints for n in (j.first, j.second))
-    return {
-        branch.body: branch.joint
-        for branch in tree.branches
-        if branch.joint.kind == "prismatic"
-        and branch.joint.drive is not None
-        and joints[branch.body] == 2
-        and branch.body != mechanism.tool.body
-    }
-
-
-def _invert_used(compliance: Array) -> Array:
-    """Return the stiffness (6, 6) in the directions in which a compliance is not zero, else zero."""
-    used = np.flatnonzero(np.diagonal(compliance) > 0.0)
-    out = np.zeros((6, 6))
-    out[np.ix_(used, used)] = np.linalg.inv(compliance[np.ix_(used, used)])
-    return out
-
-
-def closure_frame(element: Element) -> Frame:
-    """Return the axes of a closure at home: of a universal joint, x is along its second axis."""
-    joint = _joint_of(element)
-    if joint.cross is None:
-        return Frame(element.axes, element.at)
-    first, second = joint.cross
-    return Frame(axes_along(second, first), element.at)
-
-
-def _add_closure(
-    writer: Writer, joint: Joint, element: Element, closure: Closure
-) -> None:
-    """Add the sites and actuators that close a loop."""
-    first, second = (
-        FOOT if node == GROUND else node for node in (joint.first, joint.second)
-    )
-    frame = Frame(element.axes, element.at)
-    offset = element.offset
-    compliance = _joint_of(element).compliance
-    slides = any(kind == "P" for kind, _ in _joint_of(element).motions)
-    steps = ["bearing", "moved"] if not slides else ["moved", "bearing"]
-    needed = {
-        "bearing": compliance is not None or offset is not None,
-        "moved": closure.moved > 0,
-    }
-    for step in filter(needed.get, steps):
-        name = f"{joint.name}:{step}"
-        shifted = offset if step == "bearing" else None
-        middle, place = _add_body(writer, name, first, frame, shifted)
-        if step == "moved":
-            _add_moved(writer, middle, joint, element, closure)
-        elif compliance is not None:
-            lost = closure.compliance if closure.end == -1 else 0.0
-            _add_bearing(writer, middle, name, IDENTITY, compliance - lost)
-        _set_mass(middle, 0.0, place.origin(), None, place)
-        writer.places[name] = middle, place
-        first = name
-    axes = closure_frame(element)
-    if closure.side:
-        axes = Frame(writer.places[closure.side][1].matrix(), element.at)
-        if closure.side == second:
-            first, second = second, first
-    for number, (along, direction, stiffness) in enumerate(
-        hold_points(closure.stiffness), start=1
-    ):
-        at = Frame(axes.matrix(), axes.origin() + along * axes.matrix()[:, 0])
-        name = f"{joint.name}:{number}"
-        _add_site(writer, f"{name}:a", first, at)
-        _add_site(writer, f"{name}:b", second, at)
-        spring = ET.SubElement(writer.actuators, "general", name=name)
-        spring.set("site", f"{name}:b")
-        spring.set("refsite", f"{name}:a")
-        spring.set("gear", numbers(direction))
-        spring.set("gainprm", "0")
-        spring.set("biastype", "affine")
-        damped = -stiffness * writer.tuning.damping
-        spring.set("biasprm", numbers([0.0, -stiffness, damped]))
-
-
-def _add_moved(
-    writer: Writer, body: ET.Element, joint: Joint, element: Element, closure: Closure
-) -> None:
-    """Add the free motions of a cut joint that its closure does not allow, with a small inertia."""
-    back = element.axes.T
-    fastest = writer.tuning.highest**2 / writer.tuning.share
-    if is_loaded(joint):
-        place = Frame(element.axes, element.at)
-        held = closure.stiffness
-        extra = (float(held[:3].max()) / fastest, float(held[3:].max()) / fastest)
-        _add_motions(
-            writer=writer,
-            body=body,
-            place=place,
-            joint=joint,
-            element=element,
-            sign=1.0,
-            extra=extra,
-        )
-        return
-    for index, (kind, axis) in enumerate(_joint_of(element).motions[: closure.moved]):
-        name = f"{joint.name}:{index + 1}"
-        out = ET.SubElement(body, "joint", name=name, axis=numbers(back @ axis))
-        out.set("type", "hinge" if kind == "R" else "slide")
-        along = {"universal": 4, "planar": 1}.get(joint.kind, 3 if kind == "R" else 0)
-        held = closure.stiffness[along]
-        out.set("armature", numbers(held / fastest))
-        writer.coordinates.append(Coordinate(name, joint.name, index, 1.0))
 
 
 def _add_site(writer: Writer, name: str, node: str, home: Frame, **looks: str) -> None:

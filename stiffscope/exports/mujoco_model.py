@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.linalg import eigh
+from scipy.linalg import cholesky, eigh, solve_triangular
 
 from stiffscope.errors import InputError
 from stiffscope.exports.mjcf_tree import quaternion
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from stiffscope.vjm.model.screws import Array
 
 OLDEST = (4, 0)
-_STILL = (2.0 * np.pi * 0.1) ** 2  # rad²/s²: slower motions are free
+_SHIFT = (2.0 * np.pi * 30.0) ** 2  # rad²/s², of all squared frequencies
 
 
 def load_mujoco() -> Any:
@@ -64,19 +64,21 @@ def key_positions(
 
 @dataclass(frozen=True, eq=False)
 class Spectrum:
-    """Of a model at a position: natural frequencies, the highest possible one, tool compliance.
+    """Of a model at a position: natural frequencies and tool compliance.
 
-    ``frequencies`` (c,) in Hz, ascending, without free motions; ``highest`` in Hz, with all drives
-    at their stiffest; ``compliance`` (6, 6) at the tool's site in base axes.
+    ``frequencies`` (c,) in Hz, ascending, without free motions; ``compliance`` (6, 6) at the tool's
+    site in base axes.
     """
 
     frequencies: Array
-    highest: float
     compliance: Array
 
 
-def find_spectrum(mujoco: Any, model: Any, position: Array) -> Spectrum:
-    """Return the spectrum of an unloaded model at a position (nq,)."""
+def find_spectrum(mujoco: Any, model: Any, position: Array, still: float) -> Spectrum:
+    """Return the spectrum of an unloaded model at a position (nq,).
+
+    Slower motions than ``still``, Hz, are free.
+    """
     data = mujoco.MjData(model)
     data.qpos[:] = position
     mujoco.mj_forward(model, data)
@@ -84,23 +86,26 @@ def find_spectrum(mujoco: Any, model: Any, position: Array) -> Spectrum:
     mujoco.mj_fullM(model, data, mass)
     limited = model.actuator_forcelimited.astype(bool)
     gains = -model.actuator_biasprm[: model.nu, 1]
-    plain = spring_stiffness(model, data, np.where(limited, 0.0, gains))
-    squares, shapes = eigh(plain, mass)
-    firm = squares > _STILL
-    highest = float(squares[-1])
-    if limited.any():
-        stiffest = np.where(limited, gains.clip(min=0.0), gains)
-        stiff = spring_stiffness(model, data, stiffest)
-        highest = float(eigh(stiff, mass, eigvals_only=True)[-1])
+    stiffness = spring_stiffness(model, data, np.where(limited, 0.0, gains))
+    # Lowest first: springs that close loops are up to 1e6 times as stiff as the others. The shift
+    # keeps free motions apart from infinite ones.
+    whole = stiffness + _SHIFT * mass
+    scale = 1.0 / np.sqrt(np.diagonal(whole))
+    half = cholesky(whole * np.outer(scale, scale), lower=True)
+    inner = solve_triangular(half, mass * np.outer(scale, scale), lower=True)
+    inner = solve_triangular(half, inner.T, lower=True)
+    inverse, shapes = eigh(0.5 * (inner + inner.T))
+    inverse = inverse[::-1]
+    shapes = scale[:, None] * solve_triangular(half.T, shapes[:, ::-1])
+    firm = inverse < 1.0 / (_SHIFT + (2.0 * np.pi * still) ** 2)
     both = np.zeros((6, model.nv))
     site = model.site("tool").id
     mujoco.mj_jacSite(model, data, both[:3], both[3:], site)
     seen = both @ shapes[:, firm]
-    return Spectrum(
-        np.sqrt(squares[firm]) / (2.0 * np.pi),
-        np.sqrt(highest) / (2.0 * np.pi),
-        (seen / squares[firm]) @ seen.T,
-    )
+    shifted = 1.0 - _SHIFT * inverse[firm]
+    moving = firm & (inverse > 0.0)
+    squares = 1.0 / inverse[moving] - _SHIFT
+    return Spectrum(np.sqrt(squares) / (2.0 * np.pi), (seen / shifted) @ seen.T)
 
 
 def spring_stiffness(model: Any, data: Any, gains: Array) -> Array:

@@ -20,15 +20,15 @@ CUT_FIRST = (
     "planar",
     "prismatic",
 )
-"""Passive joints in the order in which they are cut: those that are closed by forces at points of an
-axis, without further moving bodies, first."""
+"""Passive joints in the order in which they are cut: those that are closed by the fewest springs first."""
 
 
 @dataclass(frozen=True, eq=False)
 class Branch:
-    """A joint of the tree from a parent's node to a body, which it enters at a node of its own.
+    """A joint from a parent's node to a body, which it enters at a node of its own.
 
-    ``forward``: the joint's first body is the parent.
+    ``forward``: the joint's first body is the parent. Where the joint closes a loop, the body is
+    already in the tree.
     """
 
     joint: Joint
@@ -43,7 +43,7 @@ class SpanningTree:
     """Branches from the ground outward, and the joints that close loops."""
 
     branches: tuple[Branch, ...]
-    cuts: tuple[Joint, ...]
+    cuts: tuple[Branch, ...]
 
     def leaving(self, mechanism: Mechanism, body: str) -> list[Branch]:
         """Return the branches that begin at a body."""
@@ -56,7 +56,7 @@ def is_loaded(joint: Joint) -> bool:
 
 
 def span_tree(mechanism: Mechanism) -> SpanningTree:
-    """Return a spanning tree of a mechanism's bodies.
+    """Return a spanning tree of a mechanism's bodies, with short branches.
 
     Joints with a drive or a spring are in the tree where loops allow it, then those between rigid
     bodies; see ``CUT_FIRST``.
@@ -68,6 +68,56 @@ def span_tree(mechanism: Mechanism) -> SpanningTree:
             body = joined[body]
         return body
 
+    tree = []
+    cuts = []
+    for joint in _order(mechanism):
+        nodes = (joint.first, joint.second)
+        carriers = [mechanism.carrier(node) for node in nodes]
+        ends = [group(carrier) for carrier in carriers]
+        if ends[0] == ends[1]:
+            cuts.append(Branch(joint, *nodes, carriers[1], forward=True))
+            continue
+        joined[ends[1]] = ends[0]
+        tree.append(joint)
+    return SpanningTree(tuple(_grow(mechanism, tree)), tuple(cuts))
+
+
+def span_deep_tree(mechanism: Mechanism) -> SpanningTree:
+    """Return the spanning tree of a depth-first search.
+
+    Every joint that closes a loop leads from a body back to one of its ancestors: the coordinates
+    that move it are those of a single chain.
+    """
+    joints = _order(mechanism)
+    branches: list[Branch] = []
+    cuts: list[Branch] = []
+    reached = {GROUND}
+    used: set[str] = set()
+
+    def visit(body: str) -> None:
+        for joint in joints:
+            nodes = (joint.first, joint.second)
+            carriers = [mechanism.carrier(node) for node in nodes]
+            if joint.name in used or body not in carriers:
+                continue
+            used.add(joint.name)
+            forward = carriers[0] == body
+            parent, node = nodes if forward else nodes[::-1]
+            other = carriers[1] if forward else carriers[0]
+            branch = Branch(joint, parent, node, other, forward)
+            if other in reached:
+                cuts.append(branch)
+                continue
+            reached.add(other)
+            branches.append(branch)
+            visit(other)
+
+    visit(GROUND)
+    return SpanningTree(tuple(branches), tuple(cuts))
+
+
+def _order(mechanism: Mechanism) -> list[Joint]:
+    """Return the joints; those that are rather cut come last."""
     elastic = {n for b in mechanism.bodies if b.elastic is not None for n in b.nodes}
 
     def last_cut(joint: Joint) -> tuple[bool, bool, int]:
@@ -75,16 +125,7 @@ def span_tree(mechanism: Mechanism) -> SpanningTree:
         soft = yields or joint.first in elastic or joint.second in elastic
         return not is_loaded(joint), soft, -CUT_FIRST.index(joint.kind)
 
-    tree = []
-    cuts = []
-    for joint in sorted(mechanism.joints, key=last_cut):
-        ends = [group(mechanism.carrier(node)) for node in (joint.first, joint.second)]
-        if ends[0] == ends[1]:
-            cuts.append(joint)
-            continue
-        joined[ends[1]] = ends[0]
-        tree.append(joint)
-    return SpanningTree(tuple(_grow(mechanism, tree)), tuple(cuts))
+    return sorted(mechanism.joints, key=last_cut)
 
 
 def _grow(mechanism: Mechanism, joints: list[Joint]) -> list[Branch]:

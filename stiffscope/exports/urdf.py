@@ -57,7 +57,7 @@ def export_robot(order: Order) -> Exported:
         for file, content in files.items():
             (folder / file).write_text(content, encoding="utf-8")
 
-    cut = [joint.name for joint in tree.cuts]
+    cut = [branch.joint.name for branch in tree.cuts]
     links = sum(1 for _ in root.iter("link"))
     rows = (
         ("links", str(links)),
@@ -284,7 +284,8 @@ def _stiffnesses(order: Order, tree: SpanningTree) -> dict[str, Any]:
         for body in mechanism.bodies
         if body.elastic is not None
     }
-    out["cut_joints"] = {j.name: _cut_facts(mechanism, j) for j in tree.cuts}
+    cut = [branch.joint for branch in tree.cuts]
+    out["cut_joints"] = {joint.name: _cut_facts(mechanism, joint) for joint in cut}
     found = order.asked.configurations
     out["poses"] = {
         name: {

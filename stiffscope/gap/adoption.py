@@ -158,7 +158,11 @@ def _entry(effect: Effect, diagnosis: Diagnosis, campaign: str) -> dict[str, Any
         "gap_after": _round(gap.explained),
         "gap_noise": _round(gap.noise),
         "unit": "% rms",
-        "sigma": {name: _round(p.sigma) for name, p in effect.parameters.items()},
+        "sigma": {
+            name: _round(p.sigma)
+            for name, p in effect.parameters.items()
+            if math.isfinite(p.sigma)
+        },
     }
     if math.isfinite(gap.held_out):
         provenance["gap_held_out"] = _round(gap.held_out)

@@ -20,6 +20,7 @@ from stiffscope.experiments.manifest import manifest_of
 from stiffscope.gap.adoption import adopt as adopt_effects
 from stiffscope.gap.adoption import check_target
 from stiffscope.gap.campaign.campaign_header import load_header
+from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.campaign.template import write_template
 from stiffscope.gap.campaigns import (
     assemble_nominal,
@@ -48,9 +49,12 @@ if TYPE_CHECKING:
     from stiffscope.cli.output import Output
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.experiments.manifest import Manifest
+    from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.gap.campaign.campaign_header import Header
     from stiffscope.gap.campaigns import Case
     from stiffscope.gap.inference.diagnosis import Diagnosis
     from stiffscope.report.run_report import Draft
+    from stiffscope.robot.file.description import RobotFile
 
 log = logging.getLogger(__name__)
 
@@ -180,7 +184,7 @@ def campaign() -> None:
     "given",
     metavar="CAMPAIGN",
     type=options.PATH,
-    help="With --ask: plan with the sensors and loads of this campaign alone.",
+    help="With --ask: plan with the sensors and loads of this campaign alone, and the forces of its readings.",
 )
 def new_campaign(
     name: str, goal: Path, *, ask: str | None, given: Path | None, output: Output
@@ -197,11 +201,11 @@ def new_campaign(
     if given is not None and ask is None:
         raise InputError("--with: expected a question, --ask, too")
     if ask is not None:
-        header = None if given is None else load_header(given)
+        own = None if given is None else _load_own(given, robot)
         with open_workshop(output) as shop:
             made = assemble_robots({"nominal": robot}, "beam", shop)["nominal"]
         nominal = NominalRobot(made.mechanism, robot)
-        proposal = propose_plan(nominal, ask, header)
+        proposal = propose_plan(nominal, ask, own)
         plan = {"plan": campaign_check.plan_json(proposal)}
     poses, readings = write_template(robot, named, goal, proposal and proposal.plan)
 
@@ -219,6 +223,14 @@ def new_campaign(
         {"folder": str(goal), "readings": readings, "poses": poses, **plan},
         show,
     )
+
+
+def _load_own(folder: Path, robot: RobotFile) -> Campaign | Header:
+    """Load the instruments and loads of a campaign, with its readings if it has any yet."""
+    header = load_header(folder)
+    if all((folder / name).is_file() for name in header.readings):
+        return load_campaign(folder, robot, planned=True)
+    return header
 
 
 @campaign.command("check")

@@ -31,20 +31,21 @@ from stiffscope.gap.inference.diagnosis import (
     Sensitivity,
 )
 from stiffscope.gap.inference.find import find
-from stiffscope.gap.inference.findings import COMPETING
 from stiffscope.gap.inference.hypothesis import forms_of, positive_of
 from stiffscope.gap.inference.lack_of_fit import correlation
 from stiffscope.gap.inference.location import locate_residuals, signature_correlation
 from stiffscope.gap.inference.plausibility import (
     implausible,
+    impossible,
     own_part,
     physical_sigma,
     plausible,
 )
 from stiffscope.gap.inference.posterior_samples import draw_internal, draw_samples
 from stiffscope.gap.inference.residuals import percent_rms, rms_by_kind
-from stiffscope.gap.inference.settings import VERDICT
+from stiffscope.gap.inference.settings import GROUPS, VERDICT
 from stiffscope.gap.inference.verdict import (
+    adds_little,
     doubtful,
     judge_findings,
     settle_verdict,
@@ -124,6 +125,7 @@ def conclude(found: Findings) -> Diagnosis:
     joint = (
         found.best
         if forms_of(reported.words) <= forms_of(found.best.words)
+        and not adds_little(found, reported, found.best)
         else reported
     )
     unseen = tuple(_unseen(found, joint, judgement.effects))
@@ -221,8 +223,10 @@ def _describe(
     parameters = {} if c.is_nuisance else _average_parameters(c.name, joint, averaged)
     errors = _errors(c, *own_part(joint, c.name))
     if _is_open(c, parameters):
-        errors = parameters  # one of the values that make up these sums
-        parameters = _sums(c, *own_part(joint, c.name))
+        if not impossible(c, joint):
+            errors = parameters  # one of the values that make up these sums
+        own = joint.mark(lambda other: other.name == c.name)
+        parameters = _sums(c, *own_part(joint, c.name), joint.known.scales[own])
     return Effect(c.effect, c.place, probability, left, parameters, errors=errors)
 
 
@@ -232,21 +236,27 @@ def _is_open(candidate: Candidate, parameters: dict[str, Parameter]) -> bool:
         return False
     ends = zip(parameters.values(), candidate.plausible, strict=True)
     return any(
-        p.sigma > 0.0 and (p.interval[0] < low or p.interval[1] > high)
+        not (low <= p.interval[0] and p.interval[1] <= high)
         for p, (low, high) in ends
         if p.unit == "m"
     )
 
 
 def _sums(
-    candidate: Candidate, values: Array, covariance: Array
+    candidate: Candidate, values: Array, covariance: Array, scales: Array
 ) -> dict[str, Parameter]:
-    """Return the sums of an effect's internal parameters with intervals."""
+    """Return the sums of an effect's internal parameters with intervals.
+
+    Those that readings do not show more exactly than the prior, of scales (k,), have no value.
+    """
     out: dict[str, Parameter] = {}
     for name, unit, coefficients in candidate.sums:
         along = np.array(coefficients)
         value = float(along @ values)
         sigma = float(np.sqrt(max(along @ covariance @ along, 0.0)))
+        if sigma**2 > _LEFT * float(along**2 @ scales**2):
+            out[name] = Parameter(np.nan, np.nan, unit, nominal=0.0)
+            continue
         low, high = (value + sigma * end for end in quantiles(0.0, 1.0).tolist())
         out[name] = Parameter(value, sigma, unit, interval=(low, high), nominal=0.0)
     return out
@@ -383,7 +393,7 @@ def _alternatives(found: Findings, best: Hypothesis | None) -> tuple[Alternative
             break
         if not h.names or whole or any(c.is_nuisance for c in h.candidates):
             continue
-        if len(h.names) > 1 and p < COMPETING:
+        if len(h.names) > 1 and p < GROUPS.competing:
             continue
         behind = found.best.evidence - h.evidence
         alone = found.fit_plainly(h)

@@ -57,6 +57,9 @@ def list_drives(
             spread = float(np.sqrt(max(slopes @ joint.covariance @ slopes, 0.0)))
         value = stated / (1.0 + growth)
         sigma = np.sqrt(left) * value * spread / (1.0 + growth)
+        if sigma > _SEEN * value:
+            out[name] = DriveStiffness(stated, stated, float("nan"), seen=False)
+            continue
         out[name] = DriveStiffness(stated, value, float(sigma), seen=True)
     return out
 

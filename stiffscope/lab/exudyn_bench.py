@@ -16,6 +16,7 @@ from stiffscope.lab.measuring import (
     true_wrench,
 )
 from stiffscope.lab.nonlinear import settle
+from stiffscope.lab.response import tool_spot
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -62,10 +63,9 @@ class ExudynBench:
         self.robots = [
             FaultyRobot(machine, located, k) for k in range(len(located.closed))
         ]
-        hooks = {"": (TOOL, machine.at)}
-        hooks |= {name: (spot.node, spot.at) for name, spot in plan.hooks.items()}
+        hooks = {"": tool_spot(machine), **plan.hooks}
         self.hooks = {
-            name: [robot.add_hook(*hook) for robot in self.robots]
+            name: [robot.add_hook(hook.node, hook.at) for robot in self.robots]
             for name, hook in hooks.items()
         }
         self.slots = () if are_smooth(machine.slots) else machine.slots

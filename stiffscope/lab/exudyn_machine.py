@@ -206,8 +206,10 @@ class FaultyRobot(Robot):
         """Return node, home point and wrench of each weight that no rigid body has."""
         self.dead: list[tuple[Any, Array]] = []
         machine = self.machine
-        pull = np.concatenate([machine.gravity, np.zeros(3)])
-        out = [(load.node, load.centre, load.mass * pull) for load in machine.payloads]
+        out = [
+            (load.node, load.centre, load.wrench(machine.gravity))
+            for load in machine.payloads
+        ]
         for body in machine.bodies.values():
             if len(body.nodes) == 1 or not machine.weighted:
                 continue

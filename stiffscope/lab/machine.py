@@ -170,11 +170,16 @@ class Slot:
 
 @dataclass(frozen=True)
 class Payload:
-    """A mass, kg, on a node, with its centre in home coordinates."""
+    """A mass, kg, on a node, with its centre in home coordinates, and a constant pull there, N, base axes."""
 
     node: str
     mass: float
     centre: Array
+    force: Array = field(default_factory=lambda: _zeros(3))
+
+    def wrench(self, gravity: Array) -> Array:
+        """Return its wrench (6,) at its centre under gravity (3,), base axes."""
+        return np.concatenate([self.mass * gravity + self.force, np.zeros(3)])
 
 
 @dataclass(frozen=True)

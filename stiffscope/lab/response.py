@@ -297,6 +297,8 @@ def _offset_between(
 def _find_weights(machine: Machine, true: Frames) -> Iterator[tuple[str, Array, Array]]:
     """Yield node, point and wrench of each weight; those of elastic bodies act at their ends."""
     pull = np.concatenate([machine.gravity, np.zeros(3)])
+    for payload in machine.payloads:
+        yield payload.node, payload.centre, payload.wrench(machine.gravity)
     for body in machine.bodies.values() if machine.weighted else ():
         if len(body.nodes) == 1:
             yield body.name, body.centre, body.mass * pull
@@ -308,5 +310,3 @@ def _find_weights(machine: Machine, true: Frames) -> Iterator[tuple[str, Array, 
                 at,
                 both_parts(axes) @ end @ np.swapaxes(axes, -1, -2) @ machine.gravity,
             )
-    for payload in machine.payloads:
-        yield payload.node, payload.centre, payload.mass * pull

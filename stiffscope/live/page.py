@@ -4,6 +4,9 @@ from __future__ import annotations
 
 import base64
 import io
+import itertools
+import os
+import re
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
@@ -12,6 +15,7 @@ import matplotlib as mpl
 import numpy as np
 from PIL import Image
 
+from stiffscope.cad.materials import MATERIALS
 from stiffscope.errors import InputError, say_count
 from stiffscope.experiments.assembly import (
     at_named_poses,
@@ -24,11 +28,12 @@ from stiffscope.lobes.chatter import judge, named_axes
 from stiffscope.lobes.show import show_limits
 from stiffscope.report import page, tables
 from stiffscope.report.numbers import WRENCH, coordinates
-from stiffscope.report.pictures import PictureError
+from stiffscope.report.pictures import PictureError, open_drawing
 from stiffscope.report.robot_scene import scene
 from stiffscope.report.robot_view import robot_view, unit_wrenches, wrench_cases
 from stiffscope.report.run_report import ENERGY, GEOMETRY, Draft
 from stiffscope.report.terminal import record_shown, show_line, show_table
+from stiffscope.robot.file.part_sections import ParametricPart, SolidPart
 from stiffscope.robot.file.quantities import shown_unit
 from stiffscope.robot.mechanism_of import rigid_mechanism
 from stiffscope.robot.nominal import NominalRobot
@@ -74,6 +79,7 @@ FORCE = 1000.0
 MOMENT = 100.0  # N, N·m
 POINTS = 21  # points of a map along each coordinate
 MODES = 3
+MOST_COUNTED = 8  # holes or ribs that can be chosen at least
 MOST_READINGS = 40
 NEAR = "sensor, residuals up to 3 σ rms"
 FAR = "sensor, residuals beyond 3 σ rms"
@@ -104,10 +110,27 @@ class Slider:
 
 
 @dataclass(frozen=True)
+class Choice:
+    """A whole number or word of a part that the page can change.
+
+    Attributes
+    ----------
+    name : parameter of the robot file as in `--set`.
+    group : section of the robot file.
+    value, values : value of the file, and all that can be chosen.
+    """
+
+    name: str
+    group: str
+    value: int | str
+    values: tuple[int | str, ...]
+
+
+@dataclass(frozen=True)
 class Setting:
     """Slider values, SI: changed values of the robot file by name, pose (k,) and load (6,)."""
 
-    values: Mapping[str, float]
+    values: Mapping[str, float | str]
     pose: tuple[float, ...]
     load: tuple[float, ...]
 
@@ -151,23 +174,52 @@ def find_sliders(robot: RobotFile) -> list[Slider]:
     return out
 
 
+def find_choices(robot: RobotFile) -> list[Choice]:
+    """Return the counts of holes and ribs of parametric parts, and the materials of solids."""
+    out: list[Choice] = []
+    for name, part in robot.parts.items():
+        if not isinstance(part, SolidPart):
+            continue
+        group = f"part {name}"
+        known = tuple(dict.fromkeys([part.material, *robot.materials, *MATERIALS]))
+        out.append(Choice(f"{name}.material", group, part.material, known))
+        if isinstance(part, ParametricPart):
+            for key, value in part.dimensions().items():
+                if isinstance(value, int):
+                    most = max(2 * value, MOST_COUNTED)
+                    out.append(
+                        Choice(f"{name}.{key}", group, value, tuple(range(most + 1)))
+                    )
+    return out
+
+
+def free_name(robot: RobotFile) -> str:
+    """Return a name under which the robot can be kept in the working folder."""
+    stem = re.sub(r"[^\w-]+", "-", robot.name).strip("-") or "robot"
+    names = (f"{stem}-{number}.toml" for number in itertools.count(1))
+    return next(name for name in names if not os.path.lexists(name))
+
+
 def read_setting(robot: RobotFile, asked: Any) -> Setting:
     """Read a setting from a message of the page. Raise InputError if it is malformed."""
     sizes = {"pose": len(robot.tool.pose), "load": 6}
     try:
-        values = {str(name): float(value) for name, value in asked["values"].items()}
+        values = dict(asked["values"])
+        choices = {each.name: each.values for each in find_choices(robot)}
+        chosen = {n: v for n, v in values.items() if v in choices.get(n, ())}
+        numbers = {n: float(v) for n, v in values.items() if n not in chosen}
         lists = {name: tuple(float(c) for c in asked[name]) for name in sizes}
     except (TypeError, KeyError, ValueError, AttributeError) as error:
         got = f"got {str(asked)[:200]}"
         raise InputError(
             f"expected values, a pose and a load as numbers, {got}"
         ) from error
-    if not np.isfinite([*values.values(), *lists["pose"], *lists["load"]]).all():
+    if not np.isfinite([*numbers.values(), *lists["pose"], *lists["load"]]).all():
         raise InputError("expected finite numbers")
     for name, size in sizes.items():
         if len(lists[name]) != size:
             raise InputError(f"{name}: expected {size} numbers, got {len(lists[name])}")
-    return Setting(values, **lists)
+    return Setting({**numbers, **chosen}, **lists)
 
 
 def answer(
@@ -326,17 +378,36 @@ def view_html(
     return page.templates().get_template("live_view.html").render(view=view)
 
 
+def first_view_html(robot: RobotFile) -> str:
+    """Return the robot with its solids, before any experiment, as HTML; "" if it cannot be drawn."""
+    mechanism = rigid_mechanism(robot)
+    start = next(iter(robot.known_poses.values()))
+    found = configure(mechanism, [start])
+    with scratch_folder() as folder, open_drawing() as draw_now:
+        drawn = scene(robot, mechanism)
+        try:
+            draw_now("robot", folder, pictures=[], geometry=GEOMETRY, **drawn)
+        except PictureError:
+            return ""
+        caption = "The robot; its stiffness follows."
+        view = Draft(folder).turn_robot(found, ["now"], [[]], caption)
+    return page.templates().get_template("live_view.html").render(view=view)
+
+
 def render_page(
     robot: RobotFile, sliders: Sequence[Slider], campaign: Path | None
 ) -> str:
     """Return the page of the live view; its results arrive through the web socket."""
-    groups: dict[str, list[Slider]] = {}
-    for each in sliders:
+    choices = find_choices(robot)
+    groups: dict[str, list[Slider | Choice]] = {}
+    for each in (*sliders, *choices):
         groups.setdefault(each.group, []).append(each)
     given = {
         "title": f"{robot.name}: live",
         "groups": groups,
         "sliders": list(map(asdict, sliders)),
+        "choices": list(map(asdict, choices)),
+        "free_name": free_name(robot),
         "campaign": campaign.name if campaign else "",
     }
     return page.templates().get_template("live.html").render(given).lstrip()

@@ -14,6 +14,7 @@ import os
 import secrets
 import threading
 import time
+from concurrent.futures import Future
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,6 +36,7 @@ from stiffscope.lobes.chatter import check_cut
 from stiffscope.path.job import load_job
 from stiffscope.report.pictures import open_drawing
 from stiffscope.report.terminal import record_shown
+from stiffscope.robot.file.override import write_override
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.json_text import to_json
 from stiffscope.runtime.output import write_new
@@ -95,6 +97,7 @@ class LiveRobot:
     components : source of the parts' matrices, as in `assemble`.
     campaign : folder of the campaign to compare with the robot, or None.
     job : job whose stable depth of cut is shown, or None.
+    ahead : the robot of the file as HTML, shown until the first one is built.
     tell : sends a message to the page; thread-safe.
     made : assembled robot and the slider values used for it.
     asked : newest setting.
@@ -104,12 +107,14 @@ class LiveRobot:
     components: Any = None
     campaign: Path | None = None
     tell: Callable[[Mapping[str, Any]], None] = print
-    made: tuple[Assembled, Mapping[str, float]] | None = None
+    made: tuple[Assembled, Mapping[str, float | str]] | None = None
     asked: Setting | None = None
     job: Job | None = None
+    ahead: Future[str] | None = None
     _meshed: dict[str, PartResult] = field(default_factory=dict, init=False)
     _workers: list[Newest] = field(default_factory=list, init=False)
     _ended: bool = field(default=False, init=False)
+    _drawn: bool = field(default=False, init=False)
 
     def start(self) -> None:
         """Start the worker threads."""
@@ -118,6 +123,13 @@ class LiveRobot:
         if self.campaign:
             threading.Thread(target=self._watch, daemon=True).start()
         self._workers = [self._build, self._follow, self._draw, self._compare]
+        if self.ahead is not None:
+            self.ahead.add_done_callback(self._show_first)
+
+    def _show_first(self, drawn: Future[str]) -> None:
+        """Send the robot of the file, unless a built one was drawn before."""
+        if not drawn.exception() and drawn.result() and not self._drawn:
+            self.tell({"solids": drawn.result()})
 
     def end(self) -> None:
         """End the worker threads, as the page is closed."""
@@ -134,10 +146,10 @@ class LiveRobot:
         if self.made is not None:
             self._follow.put(setting)
 
-    def changed(self, values: Mapping[str, float]) -> RobotFile:
+    def changed(self, values: Mapping[str, float | str]) -> RobotFile:
         """Return the robot file with changed values."""
         source = self.robot.source
-        given = [f"{name}={value!r}" for name, value in values.items()]
+        given = [write_override(name, value) for name, value in values.items()]
         return load_robot(str(source.path), [*source.overrides, *given])
 
     def build(self, setting: Setting) -> None:
@@ -197,10 +209,12 @@ class LiveRobot:
         if self.made is None:
             return
         made, _ = self.made
+        with contextlib.suppress(StiffscopeError), open_drawing() as draw_now:
+            solids = live.view_html(made, setting, draw_now)
+            self._drawn = True
+            self.tell({"solids": solids})
         with contextlib.suppress(StiffscopeError):
             self.tell({"maps": live.draw_maps(made)})
-        with contextlib.suppress(StiffscopeError), open_drawing() as draw_now:
-            self.tell({"solids": live.view_html(made, setting, draw_now)})
 
     def compare(self, _setting: Setting) -> None:
         """Compare the campaign's readings with the assembled robot and send the diagnosis."""
@@ -233,6 +247,7 @@ class LiveRobot:
             raise InputError(expected)
         robot = self.changed(self.asked.values if self.asked else {})
         write_new(target, tomlkit.dumps(robot_document(robot, target)).encode())
+        self.tell({"free": live.free_name(robot)})
         return f"kept as {target.resolve()}"
 
 
@@ -309,6 +324,20 @@ class Server:
     http: HTTPServer
 
 
+def _draw_ahead(robot: RobotFile) -> Future[str]:
+    """Begin to draw the robot of the file."""
+    drawn: Future[str] = Future()
+
+    def draw() -> None:
+        try:
+            drawn.set_result(live.first_view_html(robot))
+        except (StiffscopeError, OSError, RuntimeError) as error:
+            drawn.set_exception(error)
+
+    threading.Thread(target=draw, daemon=True).start()
+    return drawn
+
+
 def open_server(robot: LiveRobot, port: int = 0) -> Server:
     """Start listening on this machine; needs a running event loop.
 
@@ -346,6 +375,7 @@ def serve(robot: LiveRobot, port: int, announce: Callable[[str], None]) -> None:
     """Serve the page until Ctrl-C; ``announce`` is called with its address."""
 
     async def forever() -> None:
+        robot.ahead = _draw_ahead(robot.robot)
         server = open_server(robot, port)
         announce(server.address)
         await asyncio.Event().wait()

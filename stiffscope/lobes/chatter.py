@@ -2,27 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.ndimage import median_filter
 
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import name_robot
-from stiffscope.lobes.bands import critical_error, depth_band
-from stiffscope.lobes.engagement import milling
-from stiffscope.lobes.floquet import interrupted_depth
+from stiffscope.lobes.bands import relative_error
+from stiffscope.lobes.cutting import cutting_of
+from stiffscope.lobes.damping import check_damping, damping_of, lobes_section
+from stiffscope.lobes.holder import find_holder_modes
 from stiffscope.lobes.levers import find_levers
-from stiffscope.lobes.model import Cutting, Lobes, Stability
+from stiffscope.lobes.limits import Limits, join_limits
+from stiffscope.lobes.methods import limits_at, sweep_limits, worst_limits
+from stiffscope.lobes.model import Lobes, Stability
 from stiffscope.lobes.response import couple_holder, tool_response
-from stiffscope.lobes.zero_order import (
-    find_critical,
-    join_criticals,
-    zero_order_depth,
-)
+from stiffscope.lobes.zero_order import find_coupling
 from stiffscope.path.along import along as predict_along
 from stiffscope.path.course import configure_path, find_axes, pick_evenly
-from stiffscope.runtime.table import numbers, read_table
 from stiffscope.vjm.kinematics.configurations import configure
 from stiffscope.vjm.model.screws import rotation_of
 
@@ -32,20 +31,19 @@ if TYPE_CHECKING:
 
     from stiffscope.experiments.assembly import Assembled
     from stiffscope.lobes.engagement import Engagement
-    from stiffscope.lobes.model import LobesSection
+    from stiffscope.lobes.methods import Method
+    from stiffscope.lobes.model import Cutting
     from stiffscope.lobes.response import ToolResponse
-    from stiffscope.lobes.zero_order import Critical
-    from stiffscope.path.job import Job, MillingSection
+    from stiffscope.path.job import Job
     from stiffscope.runtime.types import Array, Indices, Progress
     from stiffscope.vjm.kinematics.configurations import Configurations
     from stiffscope.vjm.vibration.modes import Modes
-
-    Rated = Callable[[Array], tuple[Array, Array]]
 
 MOST_POINTS = 2000  # of a path at which limits are computed
 FEW_POINTS = 200  # of a path, in each design of a study
 STATIONS = 3  # poses of the lobes along a path, besides the worst
 _CHUNK = 256  # poses at a time
+_ALIKE = 9  # neighbouring speeds, the median of whose bands counts
 _ADVISED = 3  # speeds
 _APART = 0.03  # of the range of speeds between two of them
 
@@ -64,145 +62,40 @@ class Stretch:
     length: Array
 
 
-def lobes_section(job: Job) -> LobesSection:
-    """Return the section [lobes] of a job. Raise InputError if it is missing."""
-    section = getattr(job.section, "lobes", None)
-    if section is None:
-        expected = "expected a section with the damping of the modes"
-        raise InputError(f"{job.file}: lobes: {expected}, got none")
-    return section
-
-
 def files_of(job: Job) -> list[Path]:
     """Return the files that a job's results depend on, besides itself and its robot."""
     section = getattr(job.section, "lobes", None)
-    if section is None or section.measured is None:
-        return [job.path_file]
-    return [job.path_file, job.file.parent / section.measured]
+    files = [job.path_file]
+    if section is not None:
+        responses = section.responses
+        named = (section.measured, None if responses is None else responses.file)
+        files += [job.file.parent / name for name in named if name is not None]
+    return files
 
 
 def check_cut(job: Job) -> None:
     """Raise InputError if a job lacks what the stability of its cut needs."""
     cutting_of(job)
-    damping_of(job)
-
-
-def cutting_of(job: Job) -> Cutting:
-    """Return the milling cut of a job. Raise InputError if there is none.
-
-    The force of a material is linearized at its mean chip: of ``kc1 h^(1 - mc)`` the derivative is
-    ``(1 - mc) kc``. ``kt`` is taken as it stands.
-    """
-    section = job.section.process.milling
-    if section is None:
-        raise InputError(
-            f"{job.file}: process: expected [process.milling], got no milling"
-        )
-    _, exponent = section.law()
-    feed = _mean_feed(job, section)
-    if feed is None and exponent:
-        expected = "expected a feed of the path or of the cut, or kt"
-        raise InputError(f"{job.file}: process.milling: {expected}, got none")
-    forces = section.forces(1e-3 if feed is None else feed)
-    stiffness = section.kt
-    if stiffness is None:
-        # power = kc · depth · width · feed
-        area = section.depth * section.width * (1e-3 if feed is None else feed)
-        stiffness = (1.0 - exponent) * forces.power / area
-    cut = milling(
-        teeth=section.teeth,
-        width=section.width,
-        diameter=section.diameter,
-        stiffness=stiffness,
-        radial=section.radial_ratio,
-        axial=section.axial,
-        lead=section.lead,
-        climb=section.climb,
-    )
-    return Cutting(cut, section.speed, section.depth, forces.chip)
-
-
-def _mean_feed(job: Job, section: MillingSection) -> float | None:
-    """Return the mean feed of the moves that cut, m/s, or None if there is none."""
-    feeds = job.path.feed
-    if feeds is not None:
-        known = feeds[job.path.acting & np.isfinite(feeds)]
-        if known.size:
-            return float(known.mean())
-    return section.feed
-
-
-def damping_of(job: Job) -> Rated:
-    """Return a function from frequencies (n, m), Hz, to damping ratios and relative bounds."""
-    section = lobes_section(job)
-    given = section.damping
-    doubt = section.damping_error
-    measured = None
-    if given == "measured":
-        measured = _read_measured(job, section)
-    elif section.measured is not None:
-        expected = 'expected damping = "measured" beside a table of measured modes'
-        raise InputError(f"{job.file}: lobes.measured: {expected}, got ratios")
-
-    def rate(hertz: Array) -> tuple[Array, Array]:
-        if measured is not None:
-            apart = np.abs(np.log(hertz[..., None] / measured[0]))
-            ratio = measured[1][apart.argmin(axis=-1)]
-        elif isinstance(given, tuple):  # further modes as the last
-            order = np.minimum(np.arange(hertz.shape[1]), len(given) - 1)
-            ratio = np.broadcast_to(np.array(given)[order], hertz.shape)
-        else:
-            ratio = np.full(hertz.shape, float(given))
-        return np.array(ratio), np.full(hertz.shape, doubt)
-
-    return rate
-
-
-def _read_measured(job: Job, section: LobesSection) -> tuple[Array, Array]:
-    """Return frequencies, Hz, and damping ratios of measured modes."""
-    if section.measured is None:
-        expected = 'expected a table of measured modes: measured = "modes.csv"'
-        raise InputError(f"{job.file}: lobes.damping: {expected}, got none")
-    file = job.file.parent / section.measured
-
-    def check(name: str, columns: list[str]) -> None:
-        for wanted in ("frequency", "zeta"):
-            if wanted not in columns:
-                got = ", ".join(columns)
-                raise InputError(f"{name}:1: expected a column {wanted}, got {got}")
-
-    table = read_table(file, check)
-    hertz = numbers(table, "frequency")
-    ratio = numbers(table, "zeta")
-    table.refuse_where(hertz <= 0.0, "frequency", "a frequency above 0 Hz")
-    table.refuse_where((ratio <= 0.0) | (ratio > 0.7), "zeta", "a ratio above 0")
-    return hertz, ratio
+    check_damping(job)
+    find_holder_modes(job)
 
 
 def respond(
     job: Job, assembled: Assembled, found: Configurations, axes: Array
 ) -> tuple[ToolResponse, Modes]:
-    """Return the response at the tool's tip, with its holder, and the robot's modes."""
+    """Return the response of the robot at its tool point, and its modes."""
     with name_robot(assembled.robot):
-        response, shaken = tool_response(
-            assembled.mechanism, found, axes, damping_of(job)
+        return tool_response(
+            assembled.mechanism, found, axes, damping_of(job, assembled)
         )
-    holder = lobes_section(job).holder
-    if not holder:
-        return response, shaken
-    squares = list[float]()
-    damping = list[float]()
-    stiffness = list[list[float]]()
-    ways = {"feed": (0,), "normal": (1,), "axial": (2,), "radial": (0, 1)}
-    for mode in holder:
-        for way in ways[mode.direction]:
-            squares.append((2.0 * np.pi * mode.frequency) ** 2)
-            damping.append(mode.damping)
-            stiffness.append([mode.stiffness if k == way else np.inf for k in range(3)])
-    coupled = couple_holder(
-        response, np.array(squares), np.array(damping), np.array(stiffness)
-    )
-    return coupled, shaken
+
+
+def holder_of(job: Job) -> Callable[[ToolResponse], ToolResponse]:
+    """Return a function from the robot's response to that at the tip of its tool."""
+    modes = find_holder_modes(job)
+    if modes is None:
+        return lambda response: response
+    return lambda response: couple_holder(response, modes)
 
 
 def speed_range(job: Job, cutting: Cutting) -> tuple[float, float]:
@@ -211,7 +104,7 @@ def speed_range(job: Job, cutting: Cutting) -> tuple[float, float]:
     return given or (0.5 * cutting.speed, 2.0 * cutting.speed)
 
 
-def method_of(job: Job, cut: Engagement) -> str:
+def method_of(job: Job, cut: Engagement) -> Method:
     """Return the method: all harmonics for few teeth or small radial depth."""
     wanted = lobes_section(job).method
     if wanted != "auto":
@@ -281,86 +174,68 @@ def judge(
     Parameters
     ----------
     job, assembled
-        Job with [process.milling] and [lobes], and its robot.
+        Job with a cut and [lobes], and its robot.
     found, axes
         Configurations, and axes (n, 3, 3) of the cut there.
     progress
         Progress callback.
     """
+    cutting = cutting_of(job)
+    couple = holder_of(job)
     parts = list[Stability]()
     for start in range(0, len(found), _CHUNK):
-        some = slice(start, start + _CHUNK)
-        parts.append(
-            _judge(job, assembled, found[np.arange(len(found))[some]], axes[some])
-        )
+        some = np.arange(start, min(start + _CHUNK, len(found)))
+        robot, shaken = respond(job, assembled, found[some], axes[some])
+        tool = found.tool[some]
+        parts.append(_judge(job, cutting, couple(robot), shaken, tool))
         if progress is not None:
-            progress("limits", min(1.0, (start + _CHUNK) / len(found)))
-    if len(parts) == 1:
-        return parts[0]
+            progress("limits", (int(some[-1]) + 1) / len(found))
     return _join(parts)
 
 
 def _join(parts: list[Stability]) -> Stability:
+    if len(parts) == 1:
+        return parts[0]
+
     def join(name: str) -> Array:
         return np.concatenate([getattr(part, name) for part in parts])
 
-    critical = join_criticals([part.critical for part in parts])
     names = parts[0].shares
     shares = {
         name: np.concatenate([part.shares[name] for part in parts]) for name in names
     }
     return Stability(
         tool=join("tool"),
-        critical=critical,
+        critical=join_limits([part.critical for part in parts]),
         critical_error=join("critical_error"),
         limit=join("limit"),
+        limit_error=join("limit_error"),
+        coupling=join("coupling"),
         mode=join("mode"),
         shares=shares,
     )
 
 
 def _judge(
-    job: Job, assembled: Assembled, found: Configurations, axes: Array
+    job: Job, cutting: Cutting, response: ToolResponse, shaken: Modes, tool: Array
 ) -> Stability:
-    cutting = cutting_of(job)
     cut = cutting.cut
-    response, shaken = respond(job, assembled, found, axes)
-    critical = find_critical(response, cut, speed_range(job, cutting))
-    error = critical_error(response, cut, critical, lobes_section(job).kt_error)
-    speeds = np.array([cutting.speed, *speed_range(job, cutting)])
+    force_error = lobes_section(job).kt_error
     method = method_of(job, cut)
-    limit = stable_depth(response, cut, speeds, critical.depth, method)
-    critical = _cap(critical, limit)
+    critical = worst_limits(response, cut, speed_range(job, cutting), method)
+    limit = limits_at(response, cut, np.array([cutting.speed]), method)[:, 0]
     mode = np.abs(critical.shares).argmax(axis=1)
-    poses = np.arange(len(found))
+    poses = np.arange(len(tool))
     return Stability(
-        tool=found.tool,
+        tool=tool,
         critical=critical,
-        critical_error=error,
-        limit=limit[:, 0],
+        critical_error=relative_error(critical, response, force_error),
+        limit=limit.depth,
+        limit_error=relative_error(limit, response, force_error),
+        coupling=find_coupling(response, cut),
         mode=response.rates[poses, mode] / (2.0 * np.pi),
         shares=_element_shares(response, shaken, mode),
     )
-
-
-def _cap(critical: Critical, depth: Array) -> Critical:
-    """Return limits at all speeds that are not above depths (n, s) at some speeds.
-
-    Those of all harmonics may be lower than the zero-order limit.
-    """
-    return replace(critical, depth=np.minimum(critical.depth, depth.min(axis=1)))
-
-
-def stable_depth(
-    response: ToolResponse, cut: Engagement, speeds: Array, scale: Array, method: str
-) -> Array:
-    """Return the stable depths (n, s), m, at speeds (s,), rev/s, by a method.
-
-    ``scale``: depths (n,), m, around which all harmonics are searched.
-    """
-    if method == "zero-order":
-        return zero_order_depth(response, cut, speeds)
-    return interrupted_depth(response, cut, speeds, scale)
 
 
 def _element_shares(
@@ -434,31 +309,35 @@ def find_lobes(
         axes = named_axes(job, found.tool)
     here = judge(job, assembled, found, axes)
     speeds = np.linspace(*speed_range(job, cutting), section.points)
-    response, _ = respond(job, assembled, found, axes)
-    depth = np.empty((len(found), len(speeds)))
-    ends = np.empty((2, len(found), len(speeds)))
-    for k in range(len(found)):
-        one = response[k : k + 1]
-        scale = here.critical.depth[k : k + 1]
-        depth[k] = stable_depth(one, cut, speeds, scale, method)[0]
-        band = depth_band(one, cut, speeds, section.kt_error)
-        plain = zero_order_depth(one, cut, speeds)[0]
-        ends[0, k], ends[1, k] = _carry_band(depth[k], plain, band)
+    robot, _ = respond(job, assembled, found, axes)
+    couple = holder_of(job)
+    response = couple(robot)
+    parts = list[Limits]()
+    for start in range(0, len(found), _CHUNK // 8):
+        some = slice(start, start + _CHUNK // 8)
+        parts.append(sweep_limits(response[some], cut, speeds, method))
         if progress is not None:
-            progress("lobes", (k + 1) / len(found))
-    here = replace(here, critical=_cap(here.critical, depth))
+            progress("lobes", min(1.0, (start + _CHUNK // 8) / len(found)))
+    lobes = join_limits(parts)
+    # where two lobes meet, changes of first order diverge
+    width = median_filter(
+        relative_error(lobes, response, section.kt_error), (1, _ALIKE), mode="nearest"
+    )
+    low = lobes.depth * np.exp(-width)
+    high = lobes.depth * np.exp(width)
     worst = int(np.argmin(here.critical.depth))
+    one = np.array([worst])
     levers = find_levers(
         assembled.mechanism,
-        found[np.array([worst])],
-        response[worst : worst + 1],
+        found[one],
+        robot[one],
+        couple=couple,
         cut=cut,
         axes=axes[worst],
-        critical=find_critical(
-            response[worst : worst + 1], cut, speed_range(job, cutting)
-        ),
+        speed=float(here.critical.speed[worst]),
+        method=method,
     )
-    advised = _advise(ends[0].min(axis=0), speeds)
+    advised = _advise(low.min(axis=0), speeds)
     return Lobes(
         job=job,
         cutting=cutting,
@@ -467,27 +346,16 @@ def find_lobes(
         found=found,
         at=here,
         speeds=speeds,
-        depth=depth,
-        low=ends[0],
-        high=ends[1],
+        depth=lobes.depth,
+        low=low,
+        high=high,
         levers=levers,
         advised=speeds[advised],
-        advised_depth=ends[0].min(axis=0)[advised],
+        advised_depth=low.min(axis=0)[advised],
         along=limits,
         points=stretch.points,
         length=stretch.length,
     )
-
-
-def _carry_band(
-    depth: Array, plain: Array, band: tuple[Array, Array]
-) -> tuple[Array, Array]:
-    """Return the band (s,), (s,) of a depth, in proportion to that of the zero-order depth."""
-    with np.errstate(invalid="ignore"):
-        share = np.where(np.isfinite(plain) & np.isfinite(depth), depth / plain, 1.0)
-    low = np.minimum(share * band[0], depth)
-    high = np.maximum(share * band[1], depth)
-    return low, high
 
 
 def _advise(lowest: Array, speeds: Array) -> Indices:

@@ -6,7 +6,6 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import click
-from threadpoolctl import threadpool_limits
 
 from stiffscope.cli import options
 from stiffscope.cli.options import Texts, takes
@@ -14,10 +13,15 @@ from stiffscope.cli.output import emit
 from stiffscope.cli.poses import find_poses
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.lobes import show
-from stiffscope.lobes.chatter import cutting_of, find_lobes, lobes_section
+from stiffscope.lobes.chatter import check_cut, find_lobes
+from stiffscope.lobes.damping import lobes_section
+from stiffscope.lobes.workspace import POINTS, map_depth
 from stiffscope.path.job import load_job
 from stiffscope.report.progress import progress
+from stiffscope.report.run_report import write_map_report
+from stiffscope.runtime.threads import one_thread
 from stiffscope.statics.command.poses import assemble
+from stiffscope.statics.maps import require_map, to_dataset
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -40,22 +44,52 @@ if TYPE_CHECKING:
     options.json,
 )
 @click.option(
+    "--map",
+    "mapped",
+    is_flag=True,
+    help="Instead, the critical depth over [map] of the robot file, fed along the job's x.",
+)
+@options.count("--points", POINTS, "With --map: poses along each coordinate.", 2, 400)
+@click.option(
     "--robot", metavar="FILE", help="An adopted robot to use instead of the job's."
 )
-def lobes(name: Path, *, poses: Texts, robot: str | None, output: Output) -> None:
+def lobes(
+    name: Path,
+    *,
+    poses: Texts,
+    mapped: bool,
+    points: int,
+    robot: str | None,
+    output: Output,
+) -> None:
     """Depths of cut that stay stable over the spindle's speed, along a path.
 
-    JOB is a TOML file as for `stiffscope path`, with [process.milling] and [lobes]. The folder has
-    the lobes with their bands, the path coloured by its margin, tables and a report.
+    JOB is a TOML file as for `stiffscope path`, with [process.milling] or [process.turning], and
+    [lobes]. The folder has the lobes with their bands, the path coloured by its margin, tables and a
+    report; with --map, a map of the depth that is stable at all speeds.
     """
     job = load_job(name, robot)
-    cutting_of(job)
+    check_cut(job)
+    if mapped:
+        require_map(job.robot)
     names = poses or lobes_section(job).poses
     asked = find_poses(job.robot, names, ()) if names else None
     manifest = manifest_of(job.robot, job.file)
     made = assemble(job.robot, job.section.components, output)
+    if mapped:
+        with progress(quiet=output.quiet) as open_line, one_thread():
+            swept = map_depth(job, made, points, open_line("map"))
+        emit(
+            output,
+            lambda: to_dataset(swept).to_dict(),
+            partial(show.show_map, swept),
+            manifest=manifest,
+            fill=partial(show.write_depth_map, job, swept),
+            page=lambda report: write_map_report(report, made, show.MAP_TITLES),
+        )
+        return
     at = None if asked is None else (asked.names, asked.configurations)
-    with progress(quiet=output.quiet) as open_line, threadpool_limits(1):
+    with progress(quiet=output.quiet) as open_line, one_thread():
         found = find_lobes(job, made, at, open_line("lobes"))
     emit(
         output,

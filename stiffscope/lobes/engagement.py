@@ -194,3 +194,33 @@ def one_direction(
         stiffness=stiffness,
         fixed=(tuple(normal), tuple(force)),
     )
+
+
+def turning(*, stiffness: float, radial: float, lead: float, side: float) -> Engagement:
+    """Return the engagement of a turning or boring tool: one edge, in one direction.
+
+    Feed is x of the path's axes, and z points from the workpiece to the tool's holder. The edge is
+    at the entering angle κ: a displacement along ``n = (sin κ, 0, -cos κ)`` makes the chip thicker.
+    The tangential force is along y, and the thrust against n.
+
+    Parameters
+    ----------
+    stiffness
+        Change of the tangential force per change of the chip's area, Pa.
+    radial
+        Thrust over tangential force.
+    lead
+        Entering angle κ of the edge, rad; 90° if it is square to the feed.
+    side
+        1 if the workpiece passes the tool to the left of the feed, seen from the holder, else -1.
+
+    References
+    ----------
+    J. Tlusty, M. Polacek, The stability of machine tools against self-excited vibrations in
+    machining, ASME International Research in Production Engineering, 1963.
+    """
+    sine = float(np.sin(lead))
+    cosine = float(np.cos(lead)) if abs(np.cos(lead)) > 1e-9 else 0.0
+    # the edge in the workpiece is longer than the depth of cut by 1 / sin κ
+    force = (-radial, side / sine, radial * cosine / sine)
+    return one_direction(stiffness, (sine, 0.0, -cosine), force)

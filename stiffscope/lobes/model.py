@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 import numpy as np
-from pydantic import field_validator
+from pydantic import Field, field_validator
 
 from stiffscope.path.values import Turns
 from stiffscope.robot.file import quantities as q
@@ -15,7 +15,7 @@ from stiffscope.robot.file.values import Reads, Says, Section
 
 if TYPE_CHECKING:
     from stiffscope.lobes.engagement import Engagement
-    from stiffscope.lobes.zero_order import Critical
+    from stiffscope.lobes.limits import Limits
     from stiffscope.path.job import Job
     from stiffscope.runtime.types import Array, Flags, Indices
     from stiffscope.vjm.kinematics.configurations import Configurations
@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 _DAMPING = q.Dimension("a damping ratio", "", "0.03", 1e-5, 0.7)
 _DOUBT = q.Dimension("a share", "", "30 %", 0.0, 0.99)
 _SAYS = 'a ratio such as 0.03, a list of one a mode, or "measured"'
+_TIP = 'the tip\'s point and axis in the file, such as "1:+x"'
 _TWO = 'two rotational speeds such as ["2000 rpm", "9000 rpm"]'
 
 
@@ -64,8 +65,25 @@ class HolderSection(Section):
     ] = "radial"
 
 
+class ResponsesSection(Section):
+    """Responses of the tool in its holder, clamped at the robot's flange, to forces at its tip."""
+
+    file: Annotated[str, Says("a universal file, or a table of responses")]
+    feed: Annotated[str | None, Says(_TIP)] = None
+    normal: Annotated[str | None, Says(_TIP)] = None
+    axial: Annotated[str | None, Says(_TIP)] = None
+    radial: Annotated[str | None, Says(f"{_TIP}; the same along feed and normal")] = (
+        None
+    )
+    channels: Annotated[
+        dict[str, str], Says('of a table: H = "1:+x", or motion and force "1:+x/1:+x"')
+    ] = Field(default_factory=dict)
+    quantity: Literal["receptance", "mobility", "accelerance"] | None = None
+    unit: Annotated[str | None, Says('of a table: "um/N"; by default SI')] = None
+
+
 class LobesSection(Section):
-    """What the stability of a milling cut needs besides the job's process."""
+    """What the stability of a cut needs besides the job's process."""
 
     damping: Damping
     damping_error: Annotated[Doubt, Says("95 % bound of the damping ratios")] = 0.3
@@ -73,7 +91,8 @@ class LobesSection(Section):
     measured: Annotated[
         str | None,
         Says(
-            'with damping = "measured": a table with the columns frequency (Hz), zeta'
+            'with damping = "measured": a table with the columns frequency (Hz), zeta, '
+            "or the folder of a hammer campaign, whose modes are paired by shape"
         ),
     ] = None
     speeds: Annotated[tuple[Turns, Turns] | None, Says(_TWO)] = None
@@ -81,6 +100,7 @@ class LobesSection(Section):
     poses: Annotated[tuple[str, ...], Says("names; else along the path")] = ()
     method: Literal["auto", "zero-order", "all-harmonics"] = "auto"
     holder: tuple[HolderSection, ...] = ()
+    responses: ResponsesSection | None = None
 
     @field_validator("speeds")
     @classmethod
@@ -100,6 +120,7 @@ class LobesSection(Section):
 SECTIONS = (
     ("[lobes]", LobesSection),
     ("[[lobes.holder]]", HolderSection),
+    ("[lobes.responses]", ResponsesSection),
 )
 
 
@@ -132,11 +153,14 @@ class Stability:
     tool
         Tool poses (n, 6), m and rotation vectors.
     critical
-        Limits that hold at any speed.
+        Limits at the worst speed of the range.
     critical_error
         95 % half width (n,) of ln(critical depth).
-    limit
-        Depth (n,), m, that is stable at the job's speed.
+    limit, limit_error
+        Depth (n,), m, that is stable at the job's speed, and 95 % half width of its logarithm.
+    coupling
+        Depth (n,), m, from which the modes alone are unstable, without a wave left by the tooth
+        before; infinite without such.
     mode
         Frequency (n,), Hz, of the mode that limits.
     shares
@@ -144,9 +168,11 @@ class Stability:
     """
 
     tool: Array
-    critical: Critical
+    critical: Limits
     critical_error: Array
     limit: Array
+    limit_error: Array
+    coupling: Array
     mode: Array
     shares: dict[str, Array]
 

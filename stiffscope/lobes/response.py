@@ -15,7 +15,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from stiffscope.lobes.engagement import Engagement
-    from stiffscope.runtime.types import Array, Complex
+    from stiffscope.lobes.holder import HolderModes
+    from stiffscope.runtime.types import Array, Complex, Flags
     from stiffscope.vjm.kinematics.configurations import Configurations
     from stiffscope.vjm.model.mechanism import Mechanism
     from stiffscope.vjm.vibration.modes import Modes
@@ -24,6 +25,7 @@ MODES = 12  # modes kept; the rest responds statically
 _AWAY = (
     1e7  # rad/s: frequency that fills the place of a missing mode, whose shape is zero
 )
+_MATTERS = 0.01  # of the largest peak of a mode
 _NOWHERE = 1e-6  # of the largest: static remainder that is rounding
 
 
@@ -76,6 +78,19 @@ class ToolResponse:
     def rates(self) -> Array:
         """ω_k (n, m), rad/s."""
         return np.sqrt(self.squares)
+
+    @property
+    def matters(self) -> Flags:
+        """Whether modes (n, m) respond by more than a hundredth of the largest peak."""
+        peak = (self.shapes**2).sum(axis=1) / (self.squares * self.damping)
+        flags: Flags = peak > _MATTERS * peak.max(axis=1, keepdims=True)
+        return flags
+
+    @property
+    def static(self) -> Array:
+        """Static compliance (n, 3, 3), m/N."""
+        by_mode = self.shapes / self.squares[:, None]
+        return by_mode @ self.shapes.mT + self.remainder
 
     def modal(self, omega: Array) -> Complex:
         """Return the modal receptances (n, f, m) at ω (n, f), rad/s."""
@@ -136,7 +151,7 @@ def tool_response(
     shapes = np.where(known[:, None], shaken.tool[:, :3], 0.0)
     turned = axes @ shapes
     static = np.einsum("nim,njm->nij", turned / squares[:, None], turned)
-    remainder = _positive(axes @ soft @ axes.mT - static, soft)
+    remainder = find_remainder(axes @ soft @ axes.mT - static, soft)
     ratio, doubt = damping(np.where(known, hertz, 1.0))
     error = np.where(known, shaken.error / np.where(known, hertz, 1.0), 0.0)
     response = ToolResponse(
@@ -150,17 +165,18 @@ def tool_response(
     return response, shaken
 
 
-def _positive(matrix: Array, scale: Array) -> Array:
-    """Return a symmetric matrix (n, 3, 3) without negative eigenvalues, which are rounding."""
+def find_remainder(matrix: Array, scale: Array) -> Array:
+    """Return the static remainder (n, 3, 3) from the compliance that modes leave.
+
+    It is symmetric, and without negative eigenvalues, which are rounding next to ``scale``.
+    """
     values, vectors = np.linalg.eigh(0.5 * (matrix + matrix.mT))
     least = _NOWHERE * np.linalg.norm(scale, axis=(1, 2))[:, None]
     kept = np.where(values > least, values, 0.0)
     return np.einsum("nik,nk,njk->nij", vectors, kept, vectors)
 
 
-def couple_holder(
-    robot: ToolResponse, squares: Array, damping: Array, stiffness: Array
-) -> ToolResponse:
+def couple_holder(robot: ToolResponse, holder: HolderModes) -> ToolResponse:
     """Return the response at the tip of a tool in its holder, mounted at the robot's tool point.
 
     Receptance coupling in modal coordinates: each mode of the holder, clamped at its flange, is a
@@ -171,17 +187,17 @@ def couple_holder(
     ----------
     robot
         Response of the robot at the flange.
-    squares, damping
-        Squared angular frequencies (k,) of the clamped holder, (rad/s)², and damping ratios.
-    stiffness
-        Stiffness (k, 3) of each mode at the tip along feed, normal and spindle, N/m; infinite
-        where the mode does not move the tip.
+    holder
+        Modes of the clamped holder at its tip.
 
     References
     ----------
     T. L. Schmitz, R. R. Donaldson, Predicting high-speed machining dynamics by substructure
     analysis, CIRP Annals 49, 2000, 303-308.
     """
+    squares = holder.squares
+    damping = holder.damping
+    stiffness = holder.stiffness
     n, m = robot.squares.shape
     k = len(squares)
     # tip displacement along a mode's direction: shape of unit modal mass
@@ -217,6 +233,7 @@ def couple_holder(
         squares=values,
         damping=damped / (2.0 * np.sqrt(values)),
         shapes=moved @ vectors,
+        remainder=robot.remainder + np.diag(holder.remainder),
         frequency_error=np.einsum("nai,na->ni", share, errors),
         damping_error=np.einsum("nai,na->ni", share, doubts),
         origin=share,

@@ -13,6 +13,9 @@ from stiffscope.report import page
 from stiffscope.report.figures import AFTER, BEFORE, new_figure, save_figures
 from stiffscope.report.run_report import AT_M
 from stiffscope.report.terminal import show_facts, show_line, show_table
+from stiffscope.robot.file.quantities import shown_unit
+from stiffscope.statics.maps import write_map
+from stiffscope.statics.show.maps import Panel, draw_map
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -22,7 +25,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from stiffscope.lobes.model import Lobes, Stability
+    from stiffscope.path.job import Job
     from stiffscope.report.run_report import Draft
+    from stiffscope.statics.maps import StiffnessMap
 
 STABLE = "#dcefe6"
 UNSTABLE = "#f6e3e0"
@@ -81,7 +86,7 @@ def _limits_json(state: Stability) -> dict[str, Any]:
         "critical_low": _bounded(state.critical_low),
         "critical_high": _bounded(state.critical_high),
         "limit": _bounded(state.limit),
-        "coupling": _bounded(state.critical.coupling),
+        "coupling": _bounded(state.coupling),
         "chatter": state.chatter,
         "mode": state.mode,
     }
@@ -170,6 +175,52 @@ def show_lobes(found: Lobes) -> None:
         show_line(f"Speeds with the highest stable depth at every pose: {words}.")
 
 
+MAP_TITLES = {"depth": "depth of cut that is stable at all speeds"}
+
+
+def show_map(found: StiffnessMap) -> None:
+    """Print where in the workspace the critical depth is least and greatest."""
+    depth = found.more["critical_depth"].values
+    if not np.isfinite(depth).any():
+        show_line("No depth of cut chatters anywhere on the map.")
+        return
+    facts = []
+    for words, at in (
+        ("least", np.nanargmin(depth)),
+        ("greatest", np.nanargmax(depth)),
+    ):
+        row, column = np.unravel_index(at, depth.shape)
+        low = found.more["critical_low"].values[row, column]
+        high = found.more["critical_high"].values[row, column]
+        mode = found.more["limiting_mode"].values[row, column]
+        (across, wide) = shown_unit(found.across)
+        (up, tall) = shown_unit(found.up)
+        place = f"{found.across} = {across * found.columns[column]:.4g} {wide}"
+        place += f", {found.up} = {up * found.rows[row]:.4g} {tall}"
+        bounds = f"({_mm(low)} to {_mm(high)}), mode of {mode:.4g} Hz"
+        facts.append((words, f"{_mm(depth[row, column])} {bounds}, at {place}"))
+    facts.append(("poses", f"{np.isfinite(depth).sum()} with a limit"))
+    show_facts("Depth of cut that is stable at all speeds", facts)
+
+
+def write_depth_map(job: Job, found: StiffnessMap, folder: Path) -> None:
+    """Write map.csv, map.nc, map.npz and the picture of the critical depth."""
+    title = f"{job.robot.name}: {MAP_TITLES['depth']}"
+    write_map(found, folder, title)
+    more = found.more
+    depth = more["critical_depth"].values
+    panels = [
+        Panel("stable depth of cut (mm)", 1e3 * depth),
+        Panel(
+            "95 % band, upwards (%)",
+            100.0 * (more["critical_high"].values / depth - 1.0),
+        ),
+        Panel("frequency of chatter (Hz)", more["chatter"].values),
+    ]
+    files = folder / "depth.png", folder / "depth.svg"
+    draw_map(found, panels, job.robot.poses, title, *files)
+
+
 def show_limits(names: Sequence[str], state: Stability) -> None:
     """Print the stable depths at poses, with frequency of chatter and limiting mode."""
     rows = []
@@ -184,7 +235,7 @@ def show_limits(names: Sequence[str], state: Stability) -> None:
                 f"{low} to {high}",
                 f"{state.chatter[k]:.4g}",
                 f"{state.mode[k]:.4g}",
-                _mm(state.critical.coupling[k]),
+                _mm(state.coupling[k]),
             )
         )
     columns = [
@@ -323,7 +374,8 @@ def _draw_margin(found: Lobes) -> Figure:
     left.set_aspect("equal")
     left.set_xlabel(f"{'xyz'[across]} (mm)")
     left.set_ylabel(f"{'xyz'[up]} (mm)")
-    left.legend(frameon=False, loc="upper right")
+    above: Any = {"frameon": False, "fontsize": 9, "loc": "lower left"}
+    left.legend(bbox_to_anchor=(0.0, 1.0), **above)
     bar = drawn.colorbar(lines, ax=left, shrink=0.8, location="bottom", pad=0.02)
     ticks = np.array([t for t in bar.get_ticks() if low <= t <= high])
     bar.set_ticks(list(ticks), labels=[f"{10**t:.2g}" for t in ticks])
@@ -346,7 +398,7 @@ def _draw_margin(found: Lobes) -> Figure:
         np.minimum(1e3 * along.critical.depth[some], cap),
         color=BEFORE,
         lw=1.2,
-        label="at all speeds, with 95 % band",
+        label="at all speeds, 95 % band",
     )
     right.plot(length, limit, color=AFTER, lw=1.4, label=f"at {speed:.0f} rpm")
     right.axhline(
@@ -355,7 +407,7 @@ def _draw_margin(found: Lobes) -> Figure:
     right.set_yscale("log")
     right.set_xlabel("length along the path (mm)")
     right.set_ylabel("stable depth of cut (mm)")
-    right.legend(frameon=False, fontsize=9)
+    right.legend(bbox_to_anchor=(0.0, 1.0), ncols=3, **above)
     right.grid(color="#e3e7eb", lw=0.6)
     right.spines[["top", "right"]].set_visible(False)
     return drawn

@@ -12,11 +12,12 @@ Y. Altintas, E. Budak, Analytical prediction of stability lobes in milling, CIRP
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
 from itertools import permutations
 from typing import TYPE_CHECKING
 
 import numpy as np
+
+from stiffscope.lobes.limits import Limits, join_limits
 
 if TYPE_CHECKING:
     from stiffscope.lobes.engagement import Engagement
@@ -29,41 +30,9 @@ _SHARP = np.sinh(
 )  # half widths of a resonance, to 45 of them
 _ZOOMS = 9  # each takes a quarter of the interval
 _SPLITS = 8  # of an interval of frequencies, at a time
-_SETTLE = 6  # secant steps of a crossing
+_SETTLE = 14  # secant steps of a crossing
 _STEP = 1e-6  # relative step of a derivative by frequency
 _CHUNK = 128  # poses at a time
-
-
-@dataclass(frozen=True, eq=False)
-class Critical:
-    """Limits at n poses that hold at any speed of a range.
-
-    Attributes
-    ----------
-    depth
-        Depth of cut (n,), m, below which no speed chatters; infinite without a limit.
-    omega
-        Frequency (n,) of chatter there, rad/s.
-    shares
-        Share (n, m) of each mode in Re λ there; negative for modes that act against it.
-    slope
-        ``d ln depth = -Re g + slope · Im g`` (n,) for a change of the response with g = d ln λ, at
-        the speed of the limit.
-    coupling
-        Depth (n,), m, from which the modes alone are unstable, without a wave left by the tooth
-        before; infinite without such.
-    """
-
-    depth: Array
-    omega: Array
-    shares: Array
-    slope: Array
-    coupling: Array
-
-    def relative_change(self, change: Complex) -> Array:
-        """Return d ln depth (n, …) for changes g = d ln λ (n, …)."""
-        slope = self.slope.reshape(-1, *[1] * (np.ndim(change) - 1))
-        return slope * change.imag - change.real
 
 
 def frequency_grid(response: ToolResponse) -> Array:
@@ -113,12 +82,19 @@ def follow(values: Complex) -> Complex:
     return out
 
 
+def depth_scale(response: ToolResponse, cut: Engagement) -> Array:
+    """Return 1 / (2 max |λ|) (n,), m: no depth of the mean coefficients below it chatters."""
+    values = eigenvalues(response, cut, frequency_grid(response))
+    most = np.abs(values).max(axis=(1, 2))
+    return np.where(most > 0.0, 0.5 / np.where(most > 0.0, most, 1.0), np.inf)
+
+
 def find_critical(
     response: ToolResponse,
     cut: Engagement,
     speeds: tuple[float, float] = (0.0, np.inf),
-) -> Critical:
-    """Return the depth of cut that is stable at any speed of a range, at each pose.
+) -> Limits:
+    """Return the limits at the worst speed of a range, at each pose.
 
     Parameters
     ----------
@@ -133,27 +109,16 @@ def find_critical(
         _find_critical(response[start : start + _CHUNK], cut, speeds)
         for start in range(0, len(response), _CHUNK)
     ]
-    return join_criticals(parts)
-
-
-def join_criticals(parts: list[Critical]) -> Critical:
-    """Return the limits of several stacks of poses as one."""
-    if len(parts) == 1:
-        return parts[0]
-    names = [field.name for field in fields(Critical)]
-    return Critical(
-        *(np.concatenate([getattr(part, name) for part in parts]) for name in names)
-    )
+    return join_limits(parts)
 
 
 def _find_critical(
     response: ToolResponse, cut: Engagement, speeds: tuple[float, float]
-) -> Critical:
+) -> Limits:
     n = len(response)
     grid = frequency_grid(response)
     values = eigenvalues(response, cut, grid)
     real = _within(values, grid, cut, speeds)
-    coupling = _find_coupling(follow(values))
     poses = np.arange(n)
     best = real.argmax(axis=1)
     low = grid[poses, np.maximum(best - 1, 0)]
@@ -172,35 +137,61 @@ def _find_critical(
     # at the ends of the range a lobe may be narrower than any grid of frequencies
     ends = np.array([speed for speed in speeds if 0.0 < speed < np.inf])
     if ends.size:
-        others, rates = _find_lobes(response, cut, ends, grid)
+        delays = np.broadcast_to(1.0 / (cut.teeth * ends), (n, len(ends)))
+        others, rates = _find_lobes(response, cut, delays, grid)
         least = others.argmin(axis=1)
         beyond = others[poses, least] < depth
         depth = np.where(beyond, others[poses, least], depth)
         omega = np.where(beyond, rates[poses, least], omega)
-    shares = _mode_shares(response, cut, omega)
-    slope = _find_slope(response, cut, omega, speeds)
-    return Critical(depth, omega, shares, slope, coupling)
+    value = mode_total(response, cut, omega[:, None])[:, 0]
+    turn = 2.0 * np.angle(value) + np.pi
+    soonest = omega / (cut.teeth * speeds[1])
+    lobe = np.ceil((soonest - turn) / (2.0 * np.pi)).clip(min=0.0)
+    delay = (turn + 2.0 * np.pi * lobe) / omega
+    described = _describe(response, cut, depth[:, None], omega[:, None], delay[:, None])
+    return described.reshape(n)
+
+
+def _describe(
+    response: ToolResponse, cut: Engagement, depth: Array, omega: Array, delay: Array
+) -> Limits:
+    """Return limits (n, s) at frequencies ω and tooth periods, with the changes modes make.
+
+    λ is stationary in its eigenvectors, so that it changes by the terms of the modes alone:
+    ``∂ln H / ∂ln ω_k = -2 ω_k (ω_k + iζω) H`` and ``∂ln H / ∂ln ζ_k = -2iζ ω_k ω H``.
+    """
+    terms = mode_terms(response, cut, omega)
+    modal = response.modal(omega)
+    share = terms / mode_total(response, cut, omega)[..., None]
+    rates = response.rates[:, None]
+    damping = response.damping[:, None]
+    at = omega[..., None]
+    total = np.abs(terms.real).sum(axis=-1, keepdims=True)
+    return Limits(
+        depth=depth,
+        speed=1.0 / (cut.teeth * delay),
+        omega=omega,
+        shares=terms.real / np.where(total > 0.0, total, 1.0),
+        slope=_find_slope(response, cut, omega, delay),
+        by_rate=-2.0 * rates * (rates + 1j * damping * at) * modal * share,
+        by_damping=-2j * damping * rates * at * modal * share,
+    )
 
 
 def _find_slope(
-    response: ToolResponse, cut: Engagement, omega: Array, speeds: tuple[float, float]
+    response: ToolResponse, cut: Engagement, omega: Array, delay: Array
 ) -> Array:
-    """Return the ratio (n,) of real and imaginary part of d ln((1 - exp(-iωτ)) λ) / dω.
+    """Return the ratio (n, s) of real and imaginary part of d ln((1 - exp(-iωτ)) λ) / dω.
 
     With it, ω follows a change of the response at a speed that stays.
     """
     step = _STEP * omega
-    beside = np.stack([omega - step, omega, omega + step], axis=1)
-    values = follow(eigenvalues(response, cut, beside))
-    best = values[:, 1].real.argmax(axis=1)
-    value = values[np.arange(len(omega)), :, best]
-    logarithm = np.log(value[:, 2] / value[:, 0]) / (2.0 * step)
-    turn = 2.0 * np.angle(value[:, 1]) + np.pi
-    fast = cut.teeth * speeds[1]
-    lobe = np.ceil((omega / fast - turn) / (2.0 * np.pi)).clip(min=0.0)
-    delay = (turn + 2.0 * np.pi * lobe) / omega
-    wave = np.exp(-1j * turn)
-    rate = logarithm + 1j * delay * wave / (1.0 - wave)
+    below = mode_total(response, cut, omega - step)
+    above = mode_total(response, cut, omega + step)
+    logarithm = np.log(above / below) / (2.0 * step)
+    wave = np.exp(-1j * omega * delay)
+    apart = 1.0 - wave
+    rate = logarithm + 1j * delay * wave / np.where(apart != 0.0, apart, 1.0)
     return rate.real / np.where(rate.imag != 0.0, rate.imag, 1.0)
 
 
@@ -221,8 +212,12 @@ def _within(
     return np.where(within, values.real, 0.0).max(axis=2)
 
 
-def _find_coupling(values: Complex) -> Array:
-    """Return the least 1/λ (n,) where a branch λ (n, f, d) crosses the positive real axis."""
+def find_coupling(response: ToolResponse, cut: Engagement) -> Array:
+    """Return the depth (n,), m, from which the modes alone are unstable; infinite without such.
+
+    Mode coupling: no wave is left by the tooth before, so that ``b λ = 1`` at the limit.
+    """
+    values = follow(eigenvalues(response, cut, frequency_grid(response)))
     before = values[:, :-1]
     after = values[:, 1:]
     crossing = before.imag * after.imag < 0.0
@@ -233,39 +228,33 @@ def _find_coupling(values: Complex) -> Array:
 
 
 def mode_terms(response: ToolResponse, cut: Engagement, omega: Array) -> Complex:
-    """Return the terms (n, m) of the largest Re λ at ω (n,) by mode, complex; they add up to λ.
+    """Return the terms (n, s, m) of the largest Re λ at ω (n, s) by mode, complex.
 
-    Because λ is stationary in its eigenvectors, dλ is the sum of the terms' own changes.
+    With that of the static remainder they add up to λ.
     """
     by_mode, still = response.looped(cut)
-    modal = response.modal(omega[:, None])[:, 0]
-    matrix = np.einsum("nm,nmij->nij", modal, by_mode) + still
+    modal = response.modal(omega)
+    matrix = np.einsum("nsm,nmij->nsij", modal, by_mode) + still[:, None]
     values: Complex
     values, right = np.linalg.eig(matrix)
-    best = values.real.argmax(axis=1)
-    poses = np.arange(len(values))
-    left = np.linalg.pinv(right)[poses, best]
-    vector = right[poses, :, best]
-    return modal * np.einsum("ni,nmij,nj->nm", left, by_mode, vector)
+    best = values.real.argmax(axis=-1)[..., None]
+    left = np.take_along_axis(np.linalg.pinv(right), best[..., None], axis=-2)[
+        ..., 0, :
+    ]
+    vector = np.take_along_axis(right, best[..., None, :], axis=-1)[..., 0]
+    seen = np.einsum("nsi,nmij->nsmj", left, by_mode)
+    return modal * np.einsum("nsmj,nsj->nsm", seen, vector)
 
 
 def mode_total(response: ToolResponse, cut: Engagement, omega: Array) -> Complex:
-    """Return the λ (n,) with the largest real part at ω (n,), rad/s."""
-    values = eigenvalues(response, cut, omega[:, None])[:, 0]
-    best = values.real.argmax(axis=1)
-    return values[np.arange(len(values)), best]
+    """Return the λ (n, s) with the largest real part at ω (n, s), rad/s."""
+    values = eigenvalues(response, cut, omega)
+    best = values.real.argmax(axis=-1)[..., None]
+    return np.take_along_axis(values, best, axis=-1)[..., 0]
 
 
-def _mode_shares(response: ToolResponse, cut: Engagement, omega: Array) -> Array:
-    terms = mode_terms(response, cut, omega).real
-    total = np.abs(terms).sum(axis=1, keepdims=True)
-    return terms / np.where(total > 0.0, total, 1.0)
-
-
-def zero_order_depth(
-    response: ToolResponse, cut: Engagement, speeds: Array, grid: Array | None = None
-) -> Array:
-    """Return the stable depths of cut (n, s), m, at spindle speeds; infinite without a limit.
+def zero_order_limits(response: ToolResponse, cut: Engagement, speeds: Array) -> Limits:
+    """Return the limits (n, s) at spindle speeds; infinite depths without a limit.
 
     Parameters
     ----------
@@ -274,27 +263,33 @@ def zero_order_depth(
     cut
         Engagement of the cutter.
     speeds
-        Spindle speeds (s,), rev/s.
-    grid
-        Frequencies (n, f), rad/s, by default `frequency_grid`.
+        Spindle speeds (s,), the same at each pose, or (n, s), rev/s.
     """
-    omega = frequency_grid(response) if grid is None else grid
-    return _find_lobes(response, cut, speeds, omega)[0]
+    n = len(response)
+    delays = 1.0 / (cut.teeth * np.asarray(speeds, dtype=float))
+    delays = np.broadcast_to(delays, (n, delays.shape[-1]))
+    parts = list[Limits]()
+    for start in range(0, n, _CHUNK):
+        some = slice(start, start + _CHUNK)
+        grid = frequency_grid(response[some])
+        depth, omega = _find_lobes(response[some], cut, delays[some], grid)
+        parts.append(_describe(response[some], cut, depth, omega, delays[some]))
+    return join_limits(parts)
 
 
 def _find_lobes(
-    response: ToolResponse, cut: Engagement, speeds: Array, grid: Array
+    response: ToolResponse, cut: Engagement, delays: Array, grid: Array
 ) -> tuple[Array, Array]:
-    """Return stable depths (n, s), m, and the frequencies (n, s) of chatter there, rad/s."""
-    delays = 1.0 / (cut.teeth * np.asarray(speeds, dtype=float))
-    depth = np.empty((len(response), len(delays)))
-    omega = np.empty(depth.shape)
-    for start in range(0, len(response), _CHUNK):
-        some = slice(start, start + _CHUNK)
-        values = follow(eigenvalues(response[some], cut, grid[some]))
-        for k, branches in enumerate(values, start):
-            one = response[k : k + 1]
-            depth[k], omega[k] = _cross_lobes(one, cut, grid[k], branches, delays)
+    """Return stable depths (n, s), m, and the frequencies (n, s) of chatter there, rad/s.
+
+    At tooth periods τ (n, s), s, and on frequencies (n, f), rad/s.
+    """
+    depth = np.empty(delays.shape)
+    omega = np.empty(delays.shape)
+    values = follow(eigenvalues(response, cut, grid))
+    for k, branches in enumerate(values):
+        one = response[k : k + 1]
+        depth[k], omega[k] = _cross_lobes(one, cut, grid[k], branches, delays[k])
     return depth, omega
 
 
@@ -313,34 +308,40 @@ def _cross_lobes(
     size = np.abs(values).T
     alive = (real[:, :-1] > 0.0) | (real[:, 1:] > 0.0)
     alive &= (size[:, :-1] > 0.0) & (size[:, 1:] > 0.0)
-    turn = 2.0 * np.angle(values.T) + np.pi
+    branch, place = np.nonzero(alive)
+    before = values[place, branch]
+    after = values[place + 1, branch]
+    turn = 2.0 * np.angle(before) + np.pi
     # within an interval the argument is continuous, also beyond half a turn
-    swing = 2.0 * np.angle(values.T[:, 1:] * values.T[:, :-1].conj())
-    start = (omega[:-1] * delays[:, None])[:, None] - turn[:, :-1]  # (s, d, f - 1)
-    rise = (np.diff(omega) * delays[:, None])[:, None] - swing
+    swing = 2.0 * np.angle(after * before.conj())
+    start = np.multiply.outer(delays, omega[place]) - turn  # (s, intervals)
+    rise = np.multiply.outer(delays, omega[place + 1] - omega[place]) - swing
     lobe = np.floor(start / (2.0 * np.pi))
     next_lobe = np.floor((start + rise) / (2.0 * np.pi))
-    crossed = alive & (lobe != next_lobe)
-    level = 2.0 * np.pi * np.maximum(lobe, next_lobe)
-    share = (level - start) / np.where(crossed, rise, 1.0)
-    between = real[:, :-1] + share * (real[:, 1:] - real[:, :-1])
-    height = np.where(crossed, between, 0.0).reshape(len(delays), -1)
-    best = height.argmax(axis=1)
-    speeds = np.arange(len(delays))
-    found = height[speeds, best] > 0.0
-    branch, place = np.unravel_index(best, alive.shape)
-    t = share.reshape(len(delays), -1)[speeds, best]
-    goal = level.reshape(len(delays), -1)[speeds, best]
-    low = omega[place]
-    high = omega[place + 1]
-    near = values[place, branch] + t * (
-        values[place + 1, branch] - values[place, branch]
+    speed, where = np.nonzero(lobe != next_lobe)
+    level = 2.0 * np.pi * np.maximum(lobe, next_lobe)[speed, where]
+    below = start[speed, where] - level
+    over = rise[speed, where]
+    share = -below / over
+    height = before[where].real + share * (after - before)[where].real
+    # the highest crossing at each speed: first by height, then by speed
+    order = np.lexsort((height, speed))
+    last = np.append(np.diff(speed[order]) > 0, True)
+    chosen = order[last[: len(order)]]
+    chosen = chosen[height[chosen] > 0.0]
+    depth = np.full(len(delays), np.inf)
+    frequency = np.full(len(delays), omega[-1])
+    at = speed[chosen]
+    on = place[where[chosen]]
+    near = before[where[chosen]] + share[chosen] * (after - before)[where[chosen]]
+    ends = [below[chosen], below[chosen] + over[chosen]]
+    between = omega[on], omega[on + 1]
+    exact, settled = _settle(
+        response, cut, delays[at], level[chosen], between, ends, near
     )
-    below = start[speeds, branch, place] - goal
-    ends: list[Array] = [below, below + rise[speeds, branch, place]]
-    exact, settled = _settle(response, cut, delays, goal, (low, high), ends, near)
-    most = np.where(found, exact, 1.0)
-    return np.where(found, 0.5 / most, np.inf), settled
+    depth[at] = 0.5 / exact
+    frequency[at] = settled
+    return depth, frequency
 
 
 def _settle(

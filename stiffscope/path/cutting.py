@@ -1,4 +1,4 @@
-"""Mean forces in milling and drilling from Kienzle's law of the specific cutting force.
+"""Mean forces in milling, turning and drilling from Kienzle's law of the specific cutting force.
 
 ``kc = kc1 (h / 1 mm)^-mc`` (O. Kienzle, VDI-Z. 94 (1952) 299). Mean milling forces are tangential
 and radial tooth forces averaged over the engagement (Y. Altintas, Manufacturing Automation, 2nd
@@ -120,6 +120,53 @@ def mill(
         power=float(power),
         speed=speed,
         tooth_passing=speed * teeth,
+        chip=float(chip),
+    )
+
+
+def turn(
+    kc1: float,
+    mc: float,
+    *,
+    diameter: float,
+    speed: float,
+    feed: float,
+    depth: float,
+    lead: float = 0.5 * np.pi,
+    radial: float = 0.3,
+    side: float = 1.0,
+) -> CuttingForces:
+    """Return the forces on a turning or boring tool; axial is along its holder.
+
+    Parameters
+    ----------
+    kc1, mc
+        Constants of Kienzle's law; kc1 in Pa.
+    diameter, speed
+        Diameter of the workpiece or bore, m, and its speed, rev/s.
+    feed
+        Feed, m/s; a larger feed gives thicker chips.
+    depth
+        Depth of cut, m.
+    lead
+        Entering angle, rad; 90° for an edge square to the feed.
+    radial
+        Thrust, square to the edge, over tangential force.
+    side
+        1 if the workpiece passes the tool to the left of the feed, seen from the holder, else -1.
+    """
+    per_turn = feed / speed
+    chip = per_turn * np.sin(lead)
+    force = specific_force(kc1, mc, chip) * depth * per_turn
+    power = force * np.pi * diameter * speed
+    return CuttingForces(
+        feed=float(-radial * force * np.sin(lead)),
+        across=float(side * force),
+        axial=float(radial * force * np.cos(lead)),
+        torque=0.0,
+        power=float(power),
+        speed=speed,
+        tooth_passing=speed,
         chip=float(chip),
     )
 

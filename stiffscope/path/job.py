@@ -11,7 +11,13 @@ from pydantic import Field, create_model
 from scipy.spatial.transform import Rotation
 
 from stiffscope.cad.materials import MATERIALS
-from stiffscope.path.cutting import cutting_materials, drill, mill
+from stiffscope.path.cutting import (
+    cutting_materials,
+    drill,
+    mill,
+    specific_force,
+    turn,
+)
 from stiffscope.path.toolpath import ToolPath, read_toolpath
 from stiffscope.path.values import (
     Cut,
@@ -58,7 +64,7 @@ class ForceSection(Section):
 
 
 class _Cut(Section):
-    """Common keys of milling and drilling: a material by name, or kc1 and mc."""
+    """Common keys of all cuts: a material by name, or kc1 and mc."""
 
     material: Cut | None = None
     kc1: Stress | None = None
@@ -92,21 +98,17 @@ class _Cut(Section):
         return cutting_materials()[self.material]
 
 
-class MillingSection(_Cut):
-    """A milling cutter that turns clockwise: engagement, radial and axial over tangential force."""
+class _EdgeCut(_Cut):
+    """Common keys of cuts by an edge: ``kt`` instead of a material, and ratios of forces."""
 
     kt: Annotated[
         Stress | None,
         Says('a specific tangential force such as "700 N/mm^2", instead of a material'),
     ] = None
     kr: Annotated[Ratio | None, Says("the same as `radial`")] = None
-    teeth: v.Some
     depth: Length
-    width: Length
-    climb: v.Flag = True
     lead: EnteringAngle = 0.5 * np.pi
     radial: Ratio = 0.3
-    axial: Ratio = 0.0
 
     def law(self) -> tuple[float, float]:
         """Return specific cutting force, Pa, and exponent; ``kt`` does not depend on the chip."""
@@ -117,6 +119,10 @@ class MillingSection(_Cut):
             raise ValueError(f"cut.kt: expected kt or {own[0]}, got both")
         return self.kt, 0.0
 
+    def specific_force(self, chip: float) -> float:
+        """Return the specific cutting force, Pa, at a chip thickness, m."""
+        return specific_force(*self.law(), chip)
+
     @property
     def radial_ratio(self) -> float:
         """Radial over tangential force. Raise ValueError if it is given twice."""
@@ -126,14 +132,52 @@ class MillingSection(_Cut):
             raise ValueError("cut.kr: expected kr or radial, got both")
         return self.kr
 
+    @property
+    def geometry(self) -> dict[str, Any]:
+        """Keys of the cut itself, without those of force and feed."""
+        forces = {"material", "kc1", "mc", "kt", "kr", "radial", "feed"}
+        return self.model_dump(exclude=forces)
+
+
+class MillingSection(_EdgeCut):
+    """A milling cutter that turns clockwise: engagement, radial and axial over tangential force."""
+
+    teeth: v.Some
+    width: Length
+    climb: v.Flag = True
+    axial: Ratio = 0.0
+
     def forces(self, feed: float) -> CuttingForces:
         """Return the mean forces at a feed in m/s."""
         if self.width > self.diameter:
             raise ValueError("cut.width: expected at most the diameter")
-        own = self.model_dump(
-            exclude={"material", "kc1", "mc", "kt", "kr", "radial", "feed"}
-        )
-        return mill(*self.law(), feed=feed, radial=self.radial_ratio, **own)
+        ratio = self.radial_ratio
+        return mill(*self.law(), feed=feed, radial=ratio, **self.geometry)
+
+
+class TurningSection(_EdgeCut):
+    """A turning or boring tool: speed and diameter of the workpiece, thrust over tangential force."""
+
+    towards: Annotated[
+        Literal["left", "right"],
+        Says(
+            "where the workpiece passes the tool, along the feed seen from the holder"
+        ),
+    ] = "left"
+
+    @property
+    def side(self) -> float:
+        """1 if the workpiece passes the tool to the left of the feed, -1 to its right."""
+        return 1.0 if self.towards == "left" else -1.0
+
+    def forces(self, feed: float) -> CuttingForces:
+        """Return the forces at a feed in m/s."""
+        if self.depth > 0.5 * self.diameter:
+            raise ValueError("cut.depth: expected at most half the diameter")
+        own = self.geometry
+        del own["towards"]
+        ratio = self.radial_ratio
+        return turn(*self.law(), feed=feed, radial=ratio, side=self.side, **own)
 
 
 class DrillingSection(_Cut):
@@ -152,12 +196,14 @@ class ProcessSection(Section):
 
     force: ForceSection | None = None
     milling: MillingSection | None = None
+    turning: TurningSection | None = None
     drilling: DrillingSection | None = None
 
     @property
-    def cuts(self) -> tuple[MillingSection | DrillingSection, ...]:
-        """The given cuts: milling and drilling."""
-        return tuple(cut for cut in (self.milling, self.drilling) if cut is not None)
+    def cuts(self) -> tuple[MillingSection | TurningSection | DrillingSection, ...]:
+        """The given cuts: milling, turning and drilling."""
+        every = (self.milling, self.turning, self.drilling)
+        return tuple(cut for cut in every if cut is not None)
 
 
 class PayloadSection(Section):
@@ -317,6 +363,7 @@ SECTIONS = (
     ("[process]", ProcessSection),
     ("[process.force]", ForceSection),
     ("[process.milling]", MillingSection),
+    ("[process.turning]", TurningSection),
     ("[process.drilling]", DrillingSection),
     ("[payload]", PayloadSection),
     ("[free]", FreeSection),
@@ -356,7 +403,7 @@ def load_job(path: str | Path, instead: str | Path | RobotFile | None = None) ->
     with source.refusing():
         written = parse_text(path, source.text, "a job's file")
         top = read_table(WholeJob, written, ())
-        for name in ("milling", "drilling"):
+        for name in ("milling", "turning", "drilling"):
             cut = getattr(top.process, name)
             with blame("process", name, inner=True):
                 _ = cut and cut.forces(1e-3)

@@ -12,7 +12,7 @@ from stiffscope.cad.checks import mm
 from stiffscope.errors import InputError
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.copies import tensor
-from stiffscope.robot.file.description import ENDS, GROUND
+from stiffscope.robot.file.description import ENDS, GROUND, HOME
 from stiffscope.robot.file.parse import FieldError, blame, split_place
 from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.file.sections import Bearing, ElasticBody, RigidBody
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
 
 SAME_LENGTH = 1e-4  # relative tolerance; coordinates are often rounded to 0.01 mm
 _ROUNDED = 1e-9  # relative tolerance of moments of inertia
-HOME = "home"  # name of the pose that the file describes, where it has no name there
 MESHES = (".stl", ".obj", ".ply", ".vtp", ".vtk", ".vtu", ".glb", ".gltf")
 """Mesh files for pictures, readable by PyVista without further packages."""
 _PARALLEL = 1e-6  # sine of the angle below which two directions are parallel
@@ -68,7 +67,7 @@ def check_robot(robot: RobotFile) -> RobotFile:
             raise
         raise FieldError(place, message) from error
     home = tuple(map(float, mechanism.tool.home))
-    return robot if robot.poses else replace(robot, poses={HOME: home})
+    return replace(robot, home=home, poses=robot.poses or {HOME: home})
 
 
 def _check_part(robot: RobotFile, name: str) -> None:

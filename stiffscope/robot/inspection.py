@@ -11,7 +11,7 @@ import numpy as np
 from stiffscope.cad.checks import mm
 from stiffscope.errors import InputError
 from stiffscope.registry import registered
-from stiffscope.robot.checks import HOME
+from stiffscope.robot.file.description import HOME
 from stiffscope.robot.file.part_sections import InterfacePart, MatrixPart
 from stiffscope.robot.file.sections import RigidBody
 from stiffscope.robot.mechanism_of import configured_poses, rigid_mechanism

@@ -42,6 +42,7 @@ KINDS = WHOLE, CONDENSED, MOVED, SENSITIVITY, PICTURES = (
     "pictures",
 )
 _INDEX = "entry.json"
+_UNREADABLE = "it is another user's"
 _ENDS = {
     ".step": b"END-ISO-10303-21;",
     ".vtu": b"</VTKFile>",
@@ -80,6 +81,9 @@ class Cache:
         if not os.path.lexists(folder):
             return None
         reason = _flaw(folder, kind, key)
+        if reason == _UNREADABLE:
+            _warn_of_unreadable(self.root)
+            return None
         if reason:
             log.info("cache entry %s/%s is not used: %s", kind, key[:12], reason)
             self._discard(folder)
@@ -121,16 +125,18 @@ class Cache:
         write
             Writes the result to a folder.
         """
-        made = Path(tempfile.mkdtemp(prefix=f"{kind}-", dir=self.spare))
+        holder = Path(tempfile.mkdtemp(prefix=f"{kind}-", dir=self.spare))
+        made = holder / key
         try:
+            made.mkdir()  # by the umask, unlike the holder, so that others may read it
             write(made)
+            held = self._store_result(made, kind, key)
         except BaseException:
-            shutil.rmtree(made, ignore_errors=True)
+            shutil.rmtree(holder, ignore_errors=True)
             raise
-        held = self._store_result(made, kind, key)
         if held is None:
             return made
-        shutil.rmtree(made, ignore_errors=True)
+        shutil.rmtree(holder, ignore_errors=True)
         return held
 
     def entries(self, kinds: Collection[str] = ()) -> list[Entry]:
@@ -277,6 +283,13 @@ def _entry(folder: Path) -> Entry | None:
         return None
 
 
+@cache
+def _warn_of_unreadable(root: Path) -> None:
+    """Warn once of a cache with entries of another user."""
+    message = "the cache %s has entries that you may not read: they are computed again"
+    log.warning(message, root)
+
+
 def _flaw(folder: Path, kind: str, key: str) -> str | None:
     """Return why an entry is invalid, or None."""
     try:
@@ -300,6 +313,8 @@ def _flaw(folder: Path, kind: str, key: str) -> str | None:
         AttributeError,
         RecursionError,
     ) as error:
+        if isinstance(error.__cause__ or error, PermissionError):
+            return _UNREADABLE
         return f"it cannot be read ({type(error).__name__})"
     return f"{torn[0]} is damaged" if torn else None
 

@@ -35,6 +35,7 @@ MAKER = "stiffscope"
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
 _HOST = f"{zlib.crc32(platform.node().encode()):08x}"
 _forced: list[bool] = []
+_ANOTHER = "choose another name, or --force, which replaces files of the same names"
 
 
 def overwrite(whether: bool) -> None:
@@ -223,7 +224,7 @@ def staged_folder(target: str | Path, *, new: bool = False) -> Iterator[Path]:
     """Yield a folder to fill; if the block succeeds, it becomes `target` in one step.
 
     A former output of ours is replaced as a whole. If the block fails, `target` is unchanged.
-    A ``new`` folder must not exist, and is then the user's.
+    A ``new`` folder must not exist, unless forced, and is then the user's.
 
     Raises
     ------
@@ -232,12 +233,12 @@ def staged_folder(target: str | Path, *, new: bool = False) -> Iterator[Path]:
     StiffscopeError
         The disk is full.
     """
-    absent = "folder" if new else ""
-    _check_absent(target, absent)
+    absent = "folder" if new and not _forced else ""
+    _check_absent(target, absent, _ANOTHER)
     check_output(target)
     with _open_aside(target) as aside:
         yield aside
-        _check_absent(target, absent)
+        _check_absent(target, absent, _ANOTHER)
         if not new:
             _list_files(aside)
         with deaf_to(*STOPS):

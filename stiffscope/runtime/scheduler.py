@@ -49,6 +49,11 @@ class Scheduler(Executor):
         except (OSError, ValueError) as error:
             expected = "expected the address of a Dask scheduler that answers"
             raise InputError(f"--scheduler: {expected}, got {address}") from error
+        except (
+            TypeError
+        ) as error:  # distributed's own for "tls://" without certificates
+            expected = "expected certificates in Dask's configuration for tls://"
+            raise InputError(f"--scheduler: {expected}, got none") from error
         if not self._client.scheduler_info()["workers"]:
             log.warning(
                 "--scheduler: %s has no workers yet; waiting for one: dask worker %s",

@@ -8,7 +8,8 @@ import logging
 import math
 import re
 import zipfile
-from dataclasses import dataclass
+from contextlib import contextmanager
+from dataclasses import dataclass, field
 from itertools import islice, pairwise
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +20,14 @@ from stiffscope.errors import InputError, meant
 from stiffscope.runtime.reading import open_file, read_text
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+    from collections.abc import (
+        Callable,
+        Collection,
+        Iterable,
+        Iterator,
+        Mapping,
+        Sequence,
+    )
     from pathlib import Path
     from typing import BinaryIO
 
@@ -39,6 +47,54 @@ _MOST_TAGS = (
 MOST_BYTES = 1 << 26  # of an unpacked table: 200,000 rows of 20 numbers
 
 
+_MOST_TOLD = 20  # faults of a table in one run
+
+
+class Faults:
+    """Faults of a table that are told together, in the order of its lines.
+
+    Of a cell the first one counts. What follows from several cells is not looked for in rows with a wrong cell.
+    """
+
+    def __init__(self) -> None:
+        """Begin without any."""
+        self._messages: list[tuple[int, str]] = []
+        self._cells: dict[str, Flags] = {}
+        self.missing: frozenset[str] = frozenset()
+        """Columns that the table lacks; nothing is looked for that follows from them."""
+
+    def add(self, line: int, *messages: str) -> None:
+        """Add messages at a line."""
+        self._messages += [(line, message) for message in messages]
+
+    def unseen(self, wrong: Flags, column: str, *, alone: bool) -> Flags:
+        """Return flags (n,) of rows that have a fault for the first time, and remember them.
+
+        ``alone``: whether the fault follows from this cell alone.
+        """
+        if self.missing and (column in self.missing or not alone):
+            return np.zeros(len(wrong), dtype=bool)
+        columns = [column] if alone else list(self._cells)
+        out = np.array(wrong, dtype=bool)
+        for name in columns:
+            if name in self._cells:
+                out &= ~self._cells[name]
+        self._cells[column] = self._cells.get(column, False) | out
+        return out
+
+    def raise_any(self) -> None:
+        """Raise InputError with all faults, if there are any."""
+        if not self._messages:
+            return
+        told = [
+            message for _, message in sorted(self._messages, key=lambda one: one[0])
+        ]
+        rest = len(told) - _MOST_TOLD
+        if rest > 0:
+            told[_MOST_TOLD:] = [f"... and {rest} more of these"]
+        raise InputError(told[0], told[1:])
+
+
 @dataclass(frozen=True)
 class Table:
     """Columns of text, or all of finite numbers (n,), of equal length."""
@@ -49,24 +105,61 @@ class Table:
     """Line number of each row in the file."""
     decimal_comma: bool = False
     """Whether numbers may have a decimal comma."""
+    headings: Mapping[str, str] = field(default_factory=dict)
+    """The file's own headings of columns, where they are others."""
+    faults: Faults | None = None
+    """Where faults are gathered; None: the first one is raised."""
+
+    @contextmanager
+    def tell_together(self) -> Iterator[None]:
+        """Raise InputError at the end, with all faults of the table that was read so."""
+        faults = self.faults or Faults()
+        try:
+            yield
+        except InputError as error:
+            faults.add(self.lines[-1], *error.lines)
+        faults.raise_any()
 
     def fail(self, row: int, column: str, expected: str) -> InputError:
         """Return the error for a cell."""
         found = self.columns[column][row] if column in self.columns else ""
         text = found if isinstance(found, str) else f"{found:g}"
         shown = "an empty cell" if not text.strip() else repr(text[:40])
-        where = f"{self.name}:{self.lines[row]}: {column}"
+        where = f"{self.name}:{self.lines[row]}: {self.headings.get(column, column)}"
         return InputError(f"{where}: expected {expected}, got {shown}")
+
+    def note(self, error: InputError) -> None:
+        """Gather an error about the whole table, or raise it."""
+        if self.faults is None:
+            raise error
+        self.faults.add(0, *error.lines)
 
     def column(self, name: str) -> tuple[str, ...]:
         """Return the cells of a column; empty cells if the column is missing."""
         cells = self.columns.get(name)
         return ("",) * len(self.lines) if cells is None else tuple(map(str, cells))
 
-    def refuse_where(self, wrong: Flags, column: str, expected: str) -> None:
-        """Raise the error for the first wrong row of flags (n,), if any."""
-        if wrong.any():
-            raise self.fail(int(np.argmax(wrong)), column, expected)
+    def refuse_where(
+        self, wrong: Flags, column: str, expected: str, *, alone: bool = False
+    ) -> None:
+        """Raise the error for the first wrong row of flags (n,), if any, or gather it.
+
+        ``alone``: whether the fault follows from this column's cells alone.
+        """
+        if self.faults is not None:
+            wrong = self.faults.unseen(wrong, column, alone=alone)
+        if not wrong.any():
+            return
+        first = int(np.argmax(wrong))
+        error = self.fail(first, column, expected)
+        if self.faults is None:
+            raise error
+        rows = np.flatnonzero(wrong)
+        more = ""
+        if len(rows) > 1:
+            last = self.lines[int(rows[-1])]
+            more = f"; alike on {len(rows) - 1:,} more, to line {last}"
+        self.faults.add(self.lines[first], f"{error}{more}")
 
     def codes(self, column: str, known: Sequence[str], expected: str) -> Indices:
         """Return indices (n,) of cells in known names; -1 if empty. Raise InputError if unknown."""
@@ -74,8 +167,8 @@ class Table:
         out = np.array(
             [code.get(cell, -2) for cell in self.column(column)], dtype=np.int64
         )
-        self.refuse_where(out == -2, column, expected)
-        return out
+        self.refuse_where(out == -2, column, expected, alone=True)
+        return np.maximum(out, -1)
 
 
 def read_table(
@@ -83,6 +176,9 @@ def read_table(
     check: Callable[[str, list[str]], None],
     ignore: Collection[str] = (),
     most: int | None = None,
+    *,
+    headings: Mapping[str, str] | None = None,
+    together: bool = False,
 ) -> Table:
     """Return a table's columns without surrounding blanks; blank lines are skipped.
 
@@ -100,6 +196,10 @@ def read_table(
         Columns to skip.
     most
         Most rows; by default the limit for readings.
+    headings
+        The file's own headings, by the name of the column that they stand for.
+    together
+        Whether faults of columns and cells are gathered for `Table.tell_together`.
 
     Raises
     ------
@@ -118,7 +218,20 @@ def read_table(
         )
     _drop_empty_columns(rows)
     header = _header(name, rows[0], lines[0])
-    check(name, [column for column in header if column not in ignore])
+    own = {
+        column: heading
+        for column, heading in (headings or {}).items()
+        if heading in header
+    }
+    header = _rename(name, header, own, lines[0])
+    faults = Faults() if together else None
+    try:
+        check(name, [column for column in header if column not in ignore])
+    except ColumnsError as error:
+        if faults is None:
+            raise
+        faults.add(lines[0], *error.lines)
+        faults.missing = error.missing
     if len(rows) > most + 1:
         what = f"{name}:{lines[most + 1]}: expected at most {most:,} rows, got more"
         raise InputError(what if told else f"{what}; average repeated readings")
@@ -137,7 +250,20 @@ def read_table(
         for each, column in cells
         if each not in ignore
     }
-    return Table(name, columns, tuple(lines[1:]), decimal_comma)
+    return Table(name, columns, tuple(lines[1:]), decimal_comma, own, faults)
+
+
+def _rename(
+    name: str, header: list[str], own: Mapping[str, str], line: int
+) -> list[str]:
+    """Return the header with names of columns in place of a file's own headings."""
+    column_of = {heading: column for column, heading in own.items()}
+    for column, heading in own.items():
+        if column in header and column not in column_of:
+            raise InputError(
+                f"{name}:{line}: {column}: expected it once, got {heading!a} for it, too"
+            )
+    return [column_of.get(cell, cell) for cell in header]
 
 
 def _drop_empty_columns(rows: list[list[str]]) -> None:
@@ -335,25 +461,39 @@ def _check_lengths(
             raise InputError(f"{name}:{line}: {at}: expected {count} cells, got {got}")
 
 
+class ColumnsError(InputError):
+    """Columns that a table lacks, and columns that are not expected in it."""
+
+    def __init__(self, messages: Sequence[str], missing: Iterable[str]) -> None:
+        """Keep the names of the columns that are lacking."""
+        super().__init__(messages[0], messages[1:])
+        self.missing = frozenset(missing)
+
+
 def check_columns(
     name: str, header: list[str], required: Collection[str], valid: Collection[str]
 ) -> None:
-    """Raise InputError for a missing column, or for one that is not in `valid`."""
+    """Raise ColumnsError for each missing column, and each that is not in `valid`."""
     unknown = [column for column in header if column not in valid]
-    for missing in (column for column in required if column not in header):
-        near = (
-            f'"{each}"'
-            for each in header
-            if each.casefold() == missing
-            or (each in unknown and meant(each, [missing]))
-        )
-        raise InputError(
-            f"{name}:1: {missing}: expected this column, got {next(near, 'none')}"
-        )
-    if unknown:
-        raise InputError(
-            f"{name}:1: {unknown[0]}: expected one of {', '.join(valid)}{meant(unknown[0], valid)}"
-        )
+    missing = [column for column in required if column not in header]
+    messages: list[str] = []
+    for column in missing:
+        near = [
+            heading
+            for heading in header
+            if heading.casefold() == column
+            or (heading in unknown and meant(heading, [column]))
+        ]
+        got = f'"{near[0]}"' if near else "none"
+        messages.append(f"{name}:1: {column}: expected this column, got {got}")
+        unknown = [heading for heading in unknown if heading not in near[:1]]
+    listed = ", ".join(valid)
+    messages += [
+        f"{name}:1: {column}: expected one of {listed}{meant(column, valid)}"
+        for column in unknown
+    ]
+    if messages:
+        raise ColumnsError(messages, missing)
 
 
 def check_marks(table: Table, columns: Iterable[str]) -> None:
@@ -407,7 +547,7 @@ def numbers(
     expected
         Words for the message.
     """
-    cells = table.columns[column]
+    cells = table.columns.get(column, ("",) * len(table.lines))
     if isinstance(cells, np.ndarray):
         return cells
     texts = (
@@ -418,8 +558,12 @@ def numbers(
     values = np.array([_number(text) for text in texts], dtype=np.float64)
     bad = ~np.isfinite(values)
     table.refuse_where(
-        bad & [bool(cell) for cell in cells] if empty else bad, column, expected
+        bad & [bool(cell) for cell in cells] if empty else bad,
+        column,
+        expected,
+        alone=True,
     )
+    values[bad] = np.nan
     return values
 
 

@@ -242,10 +242,10 @@ def measure_ladders(rng, arm, poses=4, axes=(0, 1, 2), sizes=UP, noise=NOISE):
     return table
 
 
-def measure_rest(rng, arm, poses=30, noise=NOISE):
+def measure_rest(rng, arm, poses=30, noise=NOISE, drawn=None):
     """Return where the unloaded tool is, against where the drawn rigid arm has it."""
     table = Table()
-    drawn = Arm()
+    drawn = drawn or Arm()
     for q in draw_poses(rng, poses):
         rotation, shift = drawn.chain(q)[-1]
         rigid = rotation @ np.array(drawn.tool) + shift

@@ -104,11 +104,14 @@ def test_a_design_that_cannot_be_is_a_row_with_its_reason(rod):
 
 def test_finished_designs_are_stored_and_not_made_again(rod, tmp_path, monkeypatch):
     made = []
-    monkeypatch.setattr(
-        making,
-        "make_design",
-        lambda f, v, make=making.make_design: made.append(v) or make(f, v),
-    )
+    make = making.make_design
+
+    def count(file, values):
+        if values is not None:  # those of the present design, made each time
+            made.append(values)
+        return make(file, values)
+
+    monkeypatch.setattr(making, "make_design", count)
     first = study(rod(GRID), folder=tmp_path / "kept").table
     (journal,) = (tmp_path / "kept").iterdir()
     head, *rows = journal.read_text().splitlines(keepends=True)
@@ -167,6 +170,32 @@ def test_shares_that_are_none_are_refused(rod, tmp_path, capsys, method, part):
     )
     assert "--part: expected " in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
+
+
+def test_the_present_design_stands_beside_the_others(rod, capsys):
+    made = study(rod(GRID))
+    radius, bore = made.present.values
+    area = math.pi * (radius**2 - bore**2 / 4) if bore != "as in the file" else 0.0
+    area = area or math.pi * radius**2
+    by_name = dict(
+        zip([r.name for r in made.file.responses], made.present.responses, strict=True)
+    )
+    assert by_name["mass"] == pytest.approx(RHO * area * 0.060, rel=1e-9)
+    assert by_name["K"] == pytest.approx(1 / (1e-7 + 0.060 / (E * area)), rel=1e-9)
+    show_study(made)
+    assert "0, as it is" in capsys.readouterr().out
+
+
+def test_a_limit_that_no_parameter_changes_is_told_after_a_few_designs(rod, caplog):
+    text = (
+        'method = "grid"\nminimize = "K_rx"\nconstraints = ["weight >= 1 kg", "K >= 1 N/m"]\n'
+        '[parameters]\n"bar 1.radius" = { range = ["4 mm", "8 mm"], steps = 5 }\n'
+        '[responses]\nweight = { of = "mass - mass", unit = "kg" }\nK = "K_tx"\nK_rx = "K_rx"\n'
+    )
+    study(rod(text))
+    told = [line for line in caplog.messages if "does any of its parameters" in line]
+    assert len(told) == 1
+    assert "weight is 0 kg in the present design and in the first 4" in told[0]
 
 
 def test_a_study_says_why_nothing_is_feasible(rod, capsys):

@@ -54,6 +54,15 @@ def frequencies(model, data):
     return np.sqrt(squares[squares > IDLE]) / (2.0 * np.pi)
 
 
+def growth(model, data):
+    """Return the spectral radius of a step at its own size about a position, by MuJoCo itself."""
+    size = 2 * model.nv + model.na
+    transition = np.zeros((size, size))
+    mujoco.mj_forward(model, data)
+    mujoco.mjd_transitionFD(model, data, 1e-7, True, transition, None, None, None)
+    return np.abs(np.linalg.eigvals(transition)).max()
+
+
 def place(data):
     """Return place and rotation of the tool."""
     site = data.site("tool")

@@ -45,8 +45,8 @@ class LinearModel:
     def doubt_again(self, parameters):
         del parameters
 
-    def find_equilibria(self, parameters):
-        del parameters
+    def find_equilibria(self, parameters, rest=None):
+        del parameters, rest
 
     def noise(self):
         n = len(self.nominal)

@@ -36,6 +36,10 @@ def test_a_filled_template_is_read(tmp_path, capsys):
     capsys.readouterr()
     assert _guarded(["campaign", "new", "delta", "--out", str(folder)]) == 2
     assert "expected a folder that is not there yet" in capsys.readouterr().err
+    (folder / "notes.txt").write_text("mine")
+    forced = ["campaign", "new", "delta", "--out", str(folder), "--quiet", "--force"]
+    assert _guarded(forced) == 0
+    assert (folder / "notes.txt").read_text() == "mine"
     assert (
         _guarded(["diagnose", str(folder), "--out", str(tmp_path / "none"), "--quiet"])
         == 2

@@ -115,7 +115,7 @@ def test_the_forward_model_agrees_with_the_lab_for_every_effect(effect, place):
     )
     sigma = np.where(quiet.direction < 3, 1e-6, 5e-6)
     sigma = np.where(quiet.kind == 2, 0.01 * np.abs(quiet.value), sigma)
-    quiet = replace(quiet, sigma=9.0 * sigma)  # beside which first order is enough
+    quiet = replace(quiet, sigma=sigma)
     values = predicted(quiet, ROBOT, effect, place, parameters)
     assert np.abs((values - quiet.value) / sigma).max() < 0.5
 

@@ -29,6 +29,7 @@ CASES = {
     "link": ("link-stiffness", "limb1.slider", {"factor": 0.4}),
     "base": ("base-compliance", "base", {"x": 1e-8, "rz": 1e-7}),
     "tool": ("platform-compliance", "tool", {"z": 1e-8, "rx": 1e-7}),
+    "tool offset": ("tool-offset", "tool", {"x": 3e-3, "y": -4e-3, "z": 5e-3}),
     "mass": ("mass", "platform", {"factor": 1.4}),
     "payload": ("payload", "platform", {"mass": 4.0, "x": 0.05, "y": 0.0, "z": 0.02}),
     "encoder": ("encoder-offset", "limb1.actuator", {"offset": 5e-5}),

@@ -20,19 +20,21 @@ from stiffscope.gap.inference.evidence import (
     posterior,
 )
 from stiffscope.gap.inference.find import find
-from stiffscope.gap.inference.fitting import MARGIN, SIZES, Problem
+from stiffscope.gap.inference.fitting import Problem
 from stiffscope.gap.inference.hypothesis import forms_of
 from stiffscope.gap.inference.lack_of_fit import lack_of_fit
 from stiffscope.gap.inference.posterior_samples import draw_samples, write_posterior
 from stiffscope.gap.inference.priors import (
-    SPARSE,
     Spreads,
     spread_groups,
     spread_priors,
 )
 from stiffscope.gap.inference.search import Search
+from stiffscope.gap.inference.settings import FIT, PRIORS
 from stiffscope.gap.inference.verdict import shares
 from tests.gap.synthetic import LinearModel, LinearPrediction, linear_model
+
+SIZES = np.array(FIT.sizes)
 
 
 def planted(model, **sizes):
@@ -249,7 +251,9 @@ def test_priors_have_a_weight_of_one_and_tails_in_proportion(count):
     assert not few.all(axis=1).any()
     shares = np.exp(prior.log_weight[len(SIZES) :])
     per_size = [shares[few.sum(axis=1) == c].sum() for c in np.unique(few.sum(axis=1))]
-    assert per_size == pytest.approx([SPARSE / max(len(per_size), 1)] * len(per_size))
+    assert per_size == pytest.approx(
+        [PRIORS.sparse / max(len(per_size), 1)] * len(per_size)
+    )
 
 
 def test_what_one_of_three_parameters_explains_costs_hardly_more_than_an_effect_of_one():
@@ -1015,6 +1019,27 @@ def test_a_main_cause_that_is_not_settled_is_ambiguous():
     assert {e.effect for e in small.effects} == {"effect-1"}
 
 
+@pytest.mark.parametrize(("size", "certain"), [(0.08, False), (0.2, True)])
+def test_what_explains_less_than_a_twentieth_is_not_certain(size, certain):
+    """Of 0.5 and 0.08 of two effects, the second has a share of 3 %, however clearly it is seen."""
+    model = linear_model(np.random.default_rng(21), parameters=(1,))
+    found = conclude(find(planted(model, e0=(0.5,), e1=(size,))))
+    assert (
+        {e.effect for e in found.effects} == {"effect-0", "effect-1"}
+        if certain
+        else {"effect-0"}
+    )
+    assert found.verdict == ("identified" if certain else "partly")
+    (own,) = next(
+        e for e in found.effects if e.effect == "effect-0"
+    ).parameters.values()
+    assert own.value == pytest.approx(0.5, abs=4 * own.sigma)
+    if not certain:
+        (small,) = (p for p in found.possible if p.effect == "effect-1")
+        assert small.probability > 0.9
+        assert any("effect-1" in r and "less than 5 %" in r for r in found.remarks)
+
+
 def test_an_effect_that_comes_in_two_sizes_keeps_the_one_that_was_found():
     """Beside an effect that is not certain it has two parameters; alone, one would do."""
     model = linear_model(np.random.default_rng(14), parameters=(1,))
@@ -1296,7 +1321,7 @@ def test_what_a_fit_leaves_is_what_its_parameters_leave():
         assert fit.residual == pytest.approx(
             (value - predicted) / model.campaign.sigma, abs=1e-9
         )
-        assert (fit.short > MARGIN) == (truth > 2.0)
+        assert (fit.short > FIT.margin) == (truth > 2.0)
 
 
 def test_units_of_parameters_change_neither_what_is_held_out_nor_what_is_drawn():

@@ -5,9 +5,10 @@ import pytest
 import yaml
 from scipy.io import savemat
 
-from examples.measured import hilti
+from examples.measured import dropbear, hilti
 from examples.measured.motoman import ARMS, JOINTS, convert
 from stiffscope.gap.campaign.readings import load_campaign
+from stiffscope.gap.campaigns import diagnose
 from stiffscope.gap.forward.placing import align_points
 from stiffscope.robot.mechanism_of import rigid_mechanism
 from stiffscope.robot.reader import load_robot
@@ -140,3 +141,47 @@ def test_tilts_and_prisms_are_converted(tmp_path):
     )
     assert robot.tolerances[("bodies", "dsr_link3", "mass")] == pytest.approx(0.04)
     assert len(load_campaign(tmp_path / "out" / "held-out", robot)) == 7
+
+
+def beam_of_elements(pin, count=60):
+    """First frequency of the pinned cantilever by Hermite elements, with its nodes at the pin."""
+    cut = max(round(count * pin / dropbear.LENGTH), 1)
+    nodes = np.concatenate(
+        [
+            np.linspace(0.0, pin, cut + 1),
+            np.linspace(pin, dropbear.LENGTH, count - cut + 1)[1:],
+        ]
+    )
+    stiff, mass = np.zeros((2, 2 * len(nodes), 2 * len(nodes)))
+    for k, h in enumerate(np.diff(nodes)):
+        at = slice(2 * k, 2 * k + 4)
+        s = np.diag([1.0, h, 1.0, h])
+        bend = [[12, 6, -12, 6], [6, 4, -6, 2], [-12, -6, 12, -6], [6, 2, -6, 4]]
+        move = [[156, 22, 54, -13], [22, 4, 13, -3], [54, 13, 156, -22]]
+        move.append([-13, -3, -22, 4])
+        stiff[at, at] += s @ np.array(bend) @ s / h**3
+        mass[at, at] += s @ np.array(move) @ s * h / 420.0
+    free = [k for k in range(2 * len(nodes)) if k not in (0, 1, 2 * cut)]
+    chosen = np.ix_(free, free)
+    square = np.linalg.eigvals(np.linalg.solve(mass[chosen], stiff[chosen])).real.min()
+    wave = dropbear.YOUNG * dropbear.THICKNESS**2 / (12.0 * dropbear.DENSITY)
+    return np.sqrt(square * wave) / (2.0 * np.pi)
+
+
+@pytest.mark.parametrize("pin", [0.048, 0.11, 0.168])
+def test_a_pinned_cantilever_vibrates_as_its_elements(pin):
+    assert dropbear.first_frequency(pin) == pytest.approx(
+        beam_of_elements(pin), rel=1e-6
+    )
+
+
+def test_a_roller_whose_place_is_wrong_is_named(tmp_path):
+    """Frequencies of a beam whose roller is 7 mm farther out: converted, diagnosed, judged."""
+    places = np.linspace(*dropbear.TRAVEL, dropbear.PLACES)
+    true = dropbear.predict(places, {dropbear.PLACE: 7e-3})
+    rests = [dropbear.Rest(p, f, 1e-3 * f) for p, f in zip(places, true, strict=True)]
+    dropbear.convert(rests, tmp_path)
+    found = diagnose(tmp_path)
+    assert [effect.place for effect in found.effects] == [dropbear.PLACE]
+    change = found.effects[0].parameters["change"]
+    assert abs(change.value - 7e-3) < 3.0 * change.sigma

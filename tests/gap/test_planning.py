@@ -127,6 +127,35 @@ def test_only_the_instruments_that_are_there_are_planned(lab, tmp_path):
         propose_plan(lab.robot.nominal, "left.motor from base", load_header(tmp_path))
 
 
+def test_the_forces_of_a_campaign_are_those_that_are_planned(lab, tmp_path):
+    """What larger pulls resolve is proved by planning with them."""
+    header = (
+        'robot = "five-bar"\nreadings = "r.csv"\n[sensors.dial]\nmeasures = "displacement"\n'
+        'body = "left.outer.tip"\nat = [0, "1 mm", 0]\ndirection = [0, 1, 0]\n'
+        '[loads.hook]\nbody = "left.outer.tip"\nat = [0, 0, 0]\n'
+    )
+    robot = lab.robot.nominal.robot
+    names = ",".join(robot.tool.pose)
+    zeros = ",".join(f"{value!r}" for value in robot.home)
+
+    def propose(newtons):
+        (tmp_path / "campaign.toml").write_text(header)
+        (tmp_path / "r.csv").write_text(
+            f"{names},load,fy,sensor,value\n{zeros},hook,{newtons},dial,\n"
+        )
+        campaign = load_campaign(tmp_path, robot, planned=True)
+        made = propose_plan(lab.robot.nominal, "left.motor from base", campaign)
+        forces = {tuple(force) for hook, force in made.plan.pulls if hook >= 0}
+        assert forces == {(0.0, newtons, 0.0)}
+        return {(p.first, p.second): p for p in made.pairs}
+
+    weak = propose(2.0)
+    strong = propose(10.0)
+    cured = [key for key, pair in weak.items() if pair.hidden and pair.larger == 5.0]
+    assert cured
+    assert not any(strong[key].hidden for key in cured)
+
+
 def test_every_pair_of_the_question_reaches_its_ln_odds(proposal):
     asked = [pair for pair in proposal.pairs if pair.asked]
     assert asked

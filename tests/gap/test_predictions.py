@@ -307,3 +307,39 @@ def test_an_unknown_noise_factor_is_integrated_out():
     assert np.log(found.noise_factor) == pytest.approx(
         np.average(np.log(factors), weights=densities)
     )
+
+
+@pytest.mark.parametrize("stated", [True, False])
+def test_a_parameter_of_the_users_own_model_is_found_by_its_derivatives(stated):
+    """Values a + b t at t = 0.3, and a decoy that no reading asks for; other units, another t."""
+    rng = np.random.default_rng(4)
+    for times in (1.0, 1e3):
+        sound = campaign(seed=4, stated=stated)
+        values = sound.predictions["value"]
+        slope, decoy = rng.uniform(0.5, 2.0, (2, len(values))) * values / times
+        unit = "m" if times == 1.0 else "mm"
+        models = {"value": values, f"d:place[{unit}]": slope, "d:decoy": decoy}
+        read = sound.value + 0.3 * times * slope
+        d = diagnose_campaign(replace(sound, value=read, predictions=models))
+        assert d.verdict == "identified"
+        assert found(d) == {("parameter", "place")}
+        change = d.effects[0].parameters["change"]
+        assert change.unit == unit
+        assert change.value == pytest.approx(0.3 * times, rel=0.03)
+
+
+def test_how_well_a_parameter_is_known_tells_it_from_its_twin():
+    """Two columns in proportion: the one that its tolerance allows is named first."""
+    rng = np.random.default_rng(5)
+    sound = campaign(seed=5)
+    values = sound.predictions["value"]
+    slope = rng.uniform(0.5, 2.0, len(values)) * values
+    models = {
+        "value": values,
+        "d:known[m ± 0.001]": slope,
+        "d:loose[m ± 0.2]": slope,
+    }
+    read = sound.value + 0.2 * slope
+    d = diagnose_campaign(replace(sound, value=read, predictions=models))
+    assert found(d) == {("parameter", "loose")}
+    assert d.effects[0].probability > 0.95

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stiffscope.cli.poses import find_poses
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.quantities import KINDS, label_pose
 from stiffscope.gap.campaign.readings import load_campaign
@@ -118,10 +119,6 @@ def test_empty_columns_to_the_right_of_a_table_are_skipped(tmp_path):
         (
             HEADER + "\n".join(GOOD)[:-20],
             "5: .*: expected 13 cells, got 3: the row ends early",
-        ),
-        (
-            HEADER.replace(",sigma", "") + GOOD[0],
-            "1: sigma: expected this column, got none",
         ),
         (
             HEADER.replace(",value", ",Value") + GOOD[0],
@@ -382,8 +379,78 @@ def test_reads_sensors_loads_units_and_decimal_commas(tmp_path, first):
 
 def test_lines_are_counted_below_excels_own_first_line(tmp_path):
     text = "sep=;\n" + GAUGED.replace("-4,1", "four")
-    with pytest.raises(InputError, match=r"readings.csv:5: value: expected"):
+    with pytest.raises(InputError) as caught:
         load_campaign(folder(tmp_path, text, toml=BIGLIDE + UNITS + SENSORS))
+    assert caught.value.lines[1].startswith("readings.csv:5: value: expected")
+
+
+def test_all_faults_of_a_table_are_told_in_one_run(tmp_path):
+    rows = [
+        "0,0,0.35,100,0,0,0,0,0,dx,4.2e-6,1e-6",  # sound
+        "left,0,0.35,100,0,0,0,0,0,dx,4.2e-6,1e-6",
+        "0,0,0.35,1OO,0,0,0,0,0,dx,4.2e-6,minus",  # two wrong cells
+        "0,0,0.35,100,0,0,0,0,0,dq,4.2e-6,1e-6",
+        "0,0,0.35,,,,,,,kx,-2e7,",
+        *["0,0,0.35,5,,,,,,kx,2e7,"] * 3,  # one fault on three lines
+    ]
+    header = HEADER.replace(",session", "")
+    toml = f'{BIGLIDE}units = {{ fz = "kg" }}\n'
+    with pytest.raises(InputError) as caught:
+        load_campaign(folder(tmp_path, rows, header, toml))
+    found = caught.value.lines
+    starts = [
+        "campaign.toml:3: units.fz: expected a unit of a force",
+        "readings.csv:3: x: ",
+        "readings.csv:4: fx: ",
+        "readings.csv:4: sigma: ",
+        "readings.csv:5: quantity: ",
+        "readings.csv:6: value: expected a positive stiffness",
+        "readings.csv:7: fx: expected an empty cell",
+    ]
+    assert len(found) == len(starts)
+    assert all(map(str.startswith, found, starts))
+    assert 'write "kgf"' in found[0]
+    assert found[-1].endswith("alike on 2 more, to line 9")
+
+
+def test_a_missing_column_does_not_hide_wrong_cells(tmp_path):
+    rows = ["left,0,0.35,100,0,0,0,0,0,dx,4.2e-6,spam"]
+    header = HEADER.replace("value,sigma,session", "valve,remark")
+    with pytest.raises(InputError) as caught:
+        load_campaign(folder(tmp_path, rows, header + "\n"[:0]))
+    assert [line.split(": expected")[0] for line in caught.value.lines] == [
+        "readings.csv:1: value",
+        "readings.csv:1: remark",
+        "readings.csv:2: x",
+    ]
+
+
+def test_own_headings_stand_for_the_columns_and_sigma_may_be_absent(tmp_path):
+    plain = load_campaign(folder(tmp_path / "plain"))
+    toml = (
+        'robot = "biglide"\nreadings = "readings.csv"\n'
+        'columns = { value = "Anzeige", x = "X [m]" }\n'
+    )
+    header = HEADER.replace("value", "Anzeige").replace("x,y", "X [m],y")
+    own = load_campaign(folder(tmp_path / "own", header=header, toml=toml))
+    assert np.array_equal(plain.value, own.value)
+    assert plain.poses.tolist() == own.poses.tolist()
+    bare = [",".join(row.split(",")[:11]) for row in GOOD]
+    unknown = load_campaign(
+        folder(tmp_path / "bare", bare, HEADER.replace(",sigma,session", ""))
+    )
+    assert np.isnan(unknown.sigma).all()
+    wrong = [GOOD[0].replace("4.2e-6", "four")]
+    with pytest.raises(InputError, match=r"^readings.csv:2: Anzeige: expected"):
+        load_campaign(folder(tmp_path / "wrong", wrong, header, toml))
+    for line, expected in {
+        'valve = "Anzeige"': r"columns.valve: expected one of .*; did you mean \"value\"",
+        'value = "x", x = "x"': "columns.x: expected another heading",
+        "value = 3": "columns.value: expected a text",
+    }.items():
+        text = f"{BIGLIDE}columns = {{ {line} }}\n"
+        with pytest.raises(InputError, match=f"^campaign.toml:3: {expected}"):
+            load_campaign(folder(tmp_path / "key", toml=text))
 
 
 FRAMES = """
@@ -675,7 +742,7 @@ def test_poses_by_name_or_by_joints_are_those_of_the_robot(tmp_path):
     assert c.poses[1] == pytest.approx(delta.poses["side"])
     with pytest.raises(
         InputError,
-        match=r"readings.csv:3: pose: expected one of delta's \[poses\] home, side, got 'no",
+        match=r"readings.csv:3: pose: expected one of delta's poses home, side, got 'no",
     ):
         load_campaign(
             folder(
@@ -832,3 +899,17 @@ def test_a_table_is_bounded_in_rows(tmp_path, monkeypatch):
         match=r"readings.csv:5: expected at most 3 rows, got more; average repeated",
     ):
         load_campaign(folder(tmp_path))
+
+
+def test_home_is_a_pose_of_every_robot_whose_file_names_others(tmp_path):
+    text = (Path(__file__).parents[2] / "data" / "robots" / "delta.toml").read_text()
+    named = tmp_path / "named.toml"
+    named.write_text(text.replace("\nhome", "\nupright"))
+    robot = load_robot(str(named))
+    assert "home" not in robot.poses
+    rows = "pose,quantity,value\nhome,ez,1e-5\n"
+    toml = 'robot = "named.toml"\nreadings = "readings.csv"\n'
+    campaign = load_campaign(folder(tmp_path / "c", rows, toml=toml), robot)
+    assert campaign.poses[0] == pytest.approx(robot.poses["upright"])
+    asked = find_poses(robot, ["home"], [])
+    assert asked.configurations.poses[0] == pytest.approx(robot.poses["upright"])

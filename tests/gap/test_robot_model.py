@@ -1,6 +1,6 @@
 """Readings of any robot and their derivatives, against equilibria of the robot re-assembled with the change."""
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,7 +11,14 @@ from stiffscope.errors import InputError
 from stiffscope.gap.campaign.campaign import Campaign, LoadPoint, Sensor
 from stiffscope.gap.campaign.quantities import QUANTITIES
 from stiffscope.gap.campaigns import open_case
-from stiffscope.gap.effects.effect import Candidate, Setting
+from stiffscope.gap.effects.effect import (
+    Candidate,
+    Effect,
+    Influence,
+    Parameter,
+    Payload,
+    Setting,
+)
 from stiffscope.gap.effects.elements import ElementEffect, change_elements
 from stiffscope.gap.effects.vocabulary import apply_effect, find_candidates
 from stiffscope.gap.forward import robot_at_poses
@@ -21,14 +28,14 @@ from stiffscope.gap.inference.fitting import Problem
 from stiffscope.gap.inference.hypothesis import Hypothesis, bound_parameters
 from stiffscope.gap.inference.plausibility import find_plausible, plausible
 from stiffscope.robot.mechanism_of import mechanism_of
-from stiffscope.robot.nominal import NominalRobot
+from stiffscope.robot.nominal import NominalRobot, Place
 from stiffscope.robot.part_dimensions import beam_dimensions
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.kinematics.configurations import configure, configure_drives
 from stiffscope.vjm.model.mechanism import Change
 from stiffscope.vjm.network.network import place_nodes
-from stiffscope.vjm.statics.analysis import stiffness
+from stiffscope.vjm.statics.analysis import compliance, stiffness
 from stiffscope.vjm.statics.yielding import Load, respond
 from stiffscope.vjm.vibration.modes import frequencies
 
@@ -524,8 +531,8 @@ def test_a_fit_without_mass_moves_to_the_nearest_plausible_one_along_its_ridge(
         ("kg", "m"),
         (0.2, 0.05),
         ((0.0, 3.0), (-0.6, 0.6)),
-        (0.0, np.inf),
-        lambda u: np.array([u[0], u[1] / max(u[0], 1e-9)]),
+        bounds=(0.0, np.inf),
+        physical=lambda u: np.array([u[0], u[1] / max(u[0], 1e-9)]),
         couplings=1,
     )
     ridge = np.array([1.0, -0.5])
@@ -745,3 +752,38 @@ direction = [0, 0, -1]
     assert heaviest[("payload @ guessed", 1)] == 1e3
     assert heaviest[("mass @ known", 1)] == pytest.approx(0.06)
     assert heaviest[("mass @ guessed", 1)] > 1.0
+
+
+@dataclass(frozen=True)
+class Pull(Effect):
+    """A constant force on the tool, such as that of a cable."""
+
+    word = "pull"
+    precedence = 99
+    parameters = tuple(Parameter(f"f{x}", "N", 10.0) for x in "xyz")
+    tool: object
+
+    def influence(self, values):
+        load = Payload(self.tool.body, self.tool.at, 0.0, np.zeros(3), np.array(values))
+        return Influence(payloads=(load,))
+
+
+@pytest.mark.parametrize("weighed", [True, False])
+def test_a_constant_pull_moves_the_resting_tool_by_its_compliance(weighed):
+    """C F in deviations, with weight and without, and nothing in deflections."""
+    robot = nominal("delta")
+    c = readings(robot, ("ex", "ey", "ez", "dx"))
+    c = replace(c, modelled=("gravity",) if weighed else ())
+    model = RobotModel(c, robot)
+    effect = Pull(robot.mechanism.tool)
+    candidate = effect.make_candidate(Place("tool"))
+    force = np.array([3.0, -2.0, 5.0])
+    moved = model.predict(((candidate, force),)).values - model.predict().values
+    soft = compliance(robot.mechanism, c.poses)[c.pose, :3, :3]
+    right = np.where(
+        c.shows_rest, (soft @ force)[np.arange(len(c)), c.direction % 3], 0.0
+    )
+    at_tool = c.sensor < 0
+    assert moved[at_tool] == pytest.approx(right[at_tool], rel=1e-7, abs=1e-15)
+    columns = model.predict().columns(candidate)
+    assert columns @ force == pytest.approx(moved, rel=1e-7, abs=1e-15)

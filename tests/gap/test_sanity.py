@@ -151,12 +151,25 @@ def test_the_end_of_a_long_tail_is_no_outlier():
 
 
 def test_what_smaller_readings_lead_up_to_does_not_stand_apart():
-    """A tail of 20, 15, 11 and 8 times the spread is one of the robot; 20 and 15 beside at most 8 are two outliers."""
-    usual = [1.0, 3.0, 6.0, 8.0]
-    tail = np.array([*usual, 11.0, 15.0, 20.0])
+    """A tail that falls up to 20 times the spread is a robot's; 20 and 15 beside at most 8 are two outliers."""
+    usual = [1.0, 3.0, 4.5, 5.0, 6.0, 7.0, 8.0]
+    tail = np.array([*usual, 9.0, 11.0, 15.0, 20.0])
     alone = np.array([*usual, 15.0, 20.0])
-    assert not _stand_apart(tail, tail > 8.0).any()
-    assert (_stand_apart(alone, alone > 8.0) == (alone > 8.0)).all()
+    assert not _stand_apart(tail, np.full(len(tail), 8.0)).any()
+    assert (_stand_apart(alone, np.full(len(alone), 8.0)) == (alone > 8.0)).all()
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_outliers_of_all_sizes_are_named_though_each_leads_up_to_the_next(seed):
+    """Three of a hundred readings are misread by up to 60 times the noise; of a falling tail none is."""
+    rng = np.random.default_rng(seed)
+    size = np.abs(rng.standard_normal(600))
+    wild = rng.choice(600, 18, replace=False)
+    size[wild] = np.geomspace(6.0, 60.0, 18)  # each a seventh more than the one before
+    limit = np.full(600, 8.0)
+    assert (_stand_apart(size, limit) == (size > 8.0)).all()
+    falling = 1.05 * rng.standard_exponential(4000)
+    assert not _stand_apart(falling, np.full(4000, 8.0)).any()
 
 
 def test_a_copied_channel_is_named(labs, tmp_path):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from stiffscope.gap.adoption import adopt
 from stiffscope.gap.campaign.scatter import find_scatter
 from stiffscope.gap.campaigns import diagnose, open_case
 from stiffscope.gap.forward.robot_model import RobotModel
@@ -71,9 +72,9 @@ def places(q, points):
     return np.array(out)
 
 
-def sag(q, stiffness, force=(0, 0, 0), masses=MASSES, gravity=9.81):
+def sag(q, stiffness, force=(0, 0, 0), masses=MASSES, gravity=9.81, centres=CENTRES):
     """Motion (3,) of the tool at the equilibrium reached, by a fixed point on joint torques."""
-    heavy = [(k, CENTRES[k]) for k in range(3)]
+    heavy = [(k, centres[k]) for k in range(3)]
     away = np.zeros(3)
     for _ in range(60):
         step = 1e-6
@@ -155,6 +156,44 @@ def test_what_shows_of_a_mass_is_its_moment(tmp_path):
         moment = effect.parameters["moment_x"]
         assert moment.value == pytest.approx(9.0 * 0.2, abs=3 * moment.sigma)
     assert all(p.plausible for p in effect.parameters.values())
+
+
+def test_a_mass_beside_its_body_is_told_by_its_moment(tmp_path):
+    """5 kg hung 0.9 m beside a link that reaches 0.3 m: 44 N·m about its joint, whatever the mass."""
+    rng = np.random.default_rng(1)
+    hung = 5.0
+    there = np.array([0.9, 0.0, 0.7])
+    masses = MASSES + np.array([0.0, hung, 0.0])
+    centres = np.array(CENTRES)
+    centres[1] = (MASSES[1] * CENTRES[1] + hung * there) / masses[1]
+    rows = []
+    for _ in range(24):
+        q = rng.uniform([-1.2, -0.7, -1.2], [1.2, 0.7, 0.3])
+        moved = sag(q, STIFFNESS, masses=masses, centres=centres)
+        rows += rows_of(q, moved, 3e-6, rng)
+    folder = write(tmp_path / "c", rows)
+    found = diagnose(folder)
+    (effect,) = found.effects
+    assert (found.verdict, effect.effect, effect.place) == (
+        "identified",
+        "payload",
+        "link2",
+    )
+    lever = there - POINTS[1]
+    for axis, name in ((0, "moment_x"), (2, "moment_z")):
+        moment = effect.parameters[name]
+        assert moment.value == pytest.approx(hung * lever[axis], abs=4 * moment.sigma)
+    assert moment.sigma < 0.1
+    assert np.isnan(effect.parameters["moment_y"].value)  # about the joints' own axis
+    known = effect.errors.values()
+    assert max(abs(p.value) for p in known) < 30.0  # a mass and place with this moment
+    robot = open_case(folder).robot
+    bare = NominalRobot(rigid_mechanism(robot), robot)
+    known = {"components": None, "modelled": ("gravity",)}
+    adopted = tmp_path / "adopted.toml"
+    adopt(adopted, robot, bare, found, campaign="c", **known)
+    again = diagnose(folder, str(adopted))
+    assert again.gap.nominal == pytest.approx(found.gap.explained, rel=0.02)
 
 
 def test_deflections_are_those_of_the_equilibrium_reached(tmp_path):

@@ -7,6 +7,7 @@ import re
 import shutil
 import threading
 import time
+from concurrent.futures import Future
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +19,13 @@ import stiffscope as ss
 from stiffscope.data import FOLDER
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
-from stiffscope.live.page import Setting, answer, find_sliders, read_setting
+from stiffscope.live.page import (
+    Setting,
+    answer,
+    find_choices,
+    find_sliders,
+    read_setting,
+)
 from stiffscope.live.server import LiveRobot, open_server
 from stiffscope.robot.reader import read_robot
 from stiffscope.runtime.workshop import workshop
@@ -169,6 +176,28 @@ def test_keep_writes_a_robot_file_once(delta, tmp_path):
     *_, problem = run(delta, lambda server: follow(server, *orders))
     assert ss.load_robot(str(target)).joints["leg1.motor"].drive.stiffness == 12345.0
     assert "new file" in problem
+
+
+def test_counts_and_materials_are_chosen_beside_the_sliders():
+    robot = LiveRobot(ss.load_robot("biglide"))
+    choices = {each.name: each for each in find_choices(robot.robot)}
+    assert choices["slider.rib_count"].value in choices["slider.rib_count"].values
+    assert "titanium" in choices["link.material"].values
+    asked = {"values": {"slider.rib_count": 3, "link.material": "titanium"}}
+    setting = read_setting(robot.robot, {**asked, "pose": [0.0] * 3, "load": [0.0] * 6})
+    changed = robot.changed(setting.values)
+    assert changed.parts["slider"].rib_count == 3
+    assert changed.parts["link"].material == "titanium"
+
+
+def test_the_robot_of_the_file_stands_before_its_parts_are_known(delta):
+    shown = []
+    delta.tell = shown.append
+    delta.ahead = Future()
+    delta.start()
+    delta.ahead.set_result("<p>robot</p>")
+    delta.end()
+    assert shown == [{"solids": "<p>robot</p>"}]
 
 
 def test_new_rows_of_a_campaign_appear(delta, tmp_path):

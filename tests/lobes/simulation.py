@@ -7,7 +7,7 @@ over a step; the tooth before left the surface that the tool had one tooth perio
 import numpy as np
 
 
-def grows(rates, damping, shapes, cuts, *, steps=160, periods=260, seed=3):
+def grows(rates, damping, shapes, cuts, *, steps=160, periods=260, seed=3, waves=True):
     """Return whether vibrations grow (n,) in n cuts on one machine.
 
     Parameters
@@ -15,7 +15,10 @@ def grows(rates, damping, shapes, cuts, *, steps=160, periods=260, seed=3):
     rates, damping, shapes
         Modes: rad/s (m,), ratios (m,), and shapes (2, m) along feed and normal, 1/√kg.
     cuts
-        Arrays (n,) by name: teeth, start, end (rad), kt (Pa), kr, speed (rev/s), depth (m).
+        Arrays (n,) by name: teeth, start, end (rad), kt (Pa), kr, speed (rev/s), depth (m). A tool
+        that does not rotate has its chip's ``normal`` and its ``force`` over kt (n, 2) instead.
+    waves
+        Whether the tooth before left its vibration on the surface.
     """
     n = len(cuts["speed"])
     delay = 1.0 / (cuts["teeth"] * cuts["speed"])
@@ -32,7 +35,7 @@ def grows(rates, damping, shapes, cuts, *, steps=160, periods=260, seed=3):
     for period in range(periods):
         for k in range(steps):
             past[k] = place
-            left = past[(k + 1) % steps]
+            left = past[(k + 1) % steps] if waves else 0.0
             now = force @ shapes  # (n, m)
             angle = 2.0 * np.pi * cuts["speed"] * (k + 1) * step
             drift = np.einsum("nmab,nmb->nma", free, state) + held * now[..., None]
@@ -64,6 +67,9 @@ def grows(rates, damping, shapes, cuts, *, steps=160, periods=260, seed=3):
 
 def cutting(cuts, angle, apart):
     """Return the force (n, 2) of all teeth for displacements (n, 2) against the surface left."""
+    if "normal" in cuts:
+        chip = (apart * cuts["normal"]).sum(axis=1)
+        return (cuts["kt"] * cuts["depth"] * chip)[:, None] * cuts["force"]
     out = np.zeros_like(apart)
     for tooth in range(int(cuts["teeth"].max())):
         turned = np.mod(angle + 2.0 * np.pi * tooth / cuts["teeth"], 2.0 * np.pi)

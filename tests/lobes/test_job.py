@@ -15,13 +15,14 @@ from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.live.page import Setting, answer
 from stiffscope.lobes.chatter import (
     critical_along,
-    cutting_of,
     find_lobes,
     respond,
     speed_range,
     stretch_of,
 )
+from stiffscope.lobes.cutting import cutting_of
 from stiffscope.lobes.engagement import one_direction
+from stiffscope.lobes.holder import HolderModes
 from stiffscope.lobes.levers import find_levers
 from stiffscope.lobes.response import couple_holder
 from stiffscope.lobes.zero_order import find_critical
@@ -107,14 +108,18 @@ def test_the_response_is_the_robots_own(arm):
     assert still.real == pytest.approx(soft, abs=1e-5 * soft.max())
 
 
+def _one_mode(square, damping, stiffness):
+    return HolderModes(
+        squares=np.array([square]),
+        damping=np.array([damping]),
+        stiffness=np.array([[stiffness, np.inf, np.inf]]),
+        remainder=np.zeros(3),
+    )
+
+
 def test_a_stiff_holder_changes_nothing_and_a_heavy_one_couples_exactly():
     robot = spring_mass(1e7, 100.0, 0.03)
-    stiff = couple_holder(
-        robot,
-        np.array([(6e7 * np.pi) ** 2]),
-        np.array([0.01]),
-        np.array([[1e12, np.inf, np.inf]]),
-    )
+    stiff = couple_holder(robot, _one_mode((6e7 * np.pi) ** 2, 0.01, 1e12))
     omega = np.array([[600.0, 628.0, 700.0]])
     assert stiff.receptance(omega)[0, :, 0, 0] == pytest.approx(
         robot.receptance(omega)[0, :, 0, 0], rel=1e-4
@@ -123,12 +128,7 @@ def test_a_stiff_holder_changes_nothing_and_a_heavy_one_couples_exactly():
     free = spring_mass(1e7, 100.0, 1e-9)
     stiffness = 4e6
     rate = 2.0 * np.pi * 150.0
-    both = couple_holder(
-        free,
-        np.array([rate**2]),
-        np.array([1e-9]),
-        np.array([[stiffness, np.inf, np.inf]]),
-    )
+    both = couple_holder(free, _one_mode(rate**2, 1e-9, stiffness))
     at = np.array([[300.0, 800.0, 1500.0]])
     own = free.receptance(at)[0, :, 0, 0]
     mass = stiffness / rate**2
@@ -168,9 +168,11 @@ def test_levers_are_derivatives_of_the_limit(arm):
         made.mechanism,
         found,
         response,
+        couple=lambda each: each,
         cut=cutting.cut,
         axes=stretch.axes[0],
-        critical=critical,
+        speed=critical.speed[0],
+        method="zero-order",
     )
     by_name = {lever.element: lever.per_cent for lever in levers}
     for parameter in parameters(job.robot, "beam"):

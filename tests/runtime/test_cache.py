@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from stiffscope.errors import InputError
 from stiffscope.runtime.cache import Cache, cache_folder, code_version, digest
 
 KEY = digest({"part": "slider"})
@@ -136,11 +137,37 @@ def test_two_processes_write_the_same_entry_at_once(cache):
     assert result(cache) in {"1", "2"}
 
 
+@pytest.mark.parametrize(("umask", "mode"), [(0o002, 0o775), (0o077, 0o700)])
+def test_the_umask_says_who_may_read_an_entry(cache, umask, mode):
+    before = os.umask(umask)
+    try:
+        cache.put("experiment", KEY, write("42"))
+    finally:
+        os.umask(before)
+    entry = cache.get("experiment", KEY)
+    modes = {path.stat().st_mode & 0o777 for path in (entry, entry / "deep")}
+    assert modes == {mode}
+
+
+def test_entries_of_another_user_are_told_once_and_kept(cache, monkeypatch, caplog):
+    cache.put("experiment", KEY, write("42"))
+
+    def refuse(path: Path) -> bytes:
+        raise InputError(f"{path}: no permission") from PermissionError()
+
+    with monkeypatch.context() as denied:
+        denied.setattr("stiffscope.runtime.cache.read_bytes", refuse)
+        assert result(cache) is None
+        assert result(cache) is None
+    assert len([line for line in caplog.messages if "may not read" in line]) == 1
+    assert result(cache) == "42"
+
+
 def test_unwritable_cache_is_done_without(tmp_path):
     (tmp_path / "file").write_text("")
     cache = Cache(tmp_path / "file" / "cache", tmp_path)
     held = cache.put("experiment", KEY, write("42"))
-    assert held.parent == tmp_path
+    assert held.is_relative_to(tmp_path)
     assert (held / "deep" / "result.json").read_text() == "42"
     assert cache.get("experiment", KEY) is None
 

@@ -127,3 +127,8 @@ def test_a_scheduler_without_workers_is_told(caplog):
         Scheduler(local.scheduler_address),
     ):
         assert f"{local.scheduler_address} has no workers yet" in caplog.text
+
+
+def test_an_encrypted_address_needs_certificates():
+    with pytest.raises(InputError, match="--scheduler: expected certificates"):
+        Scheduler("tls://127.0.0.1:1")

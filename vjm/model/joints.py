@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -21,7 +22,7 @@ from stiffscope.vjm.model.checks import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -307,26 +308,9 @@ class Joint:
             raise InputError(
                 f"{here}.axis2: expected the second of a {self.kind} joint, got none"
             )
-        self._check_drive(here)
-        self._check_spring(here)
-        if self.compliance is not None:
-            c = check_compliance(
-                self.compliance, f"{here}.compliance", semidefinite=True
-            )
-            assign(self, "compliance", c)
-        if self.offset is not None:
-            assign(
-                self,
-                "offset",
-                check_array(self.offset, (6,), f"{here}.offset", "a twist"),
-            )
-        if self.astray is not None:
-            assign(
-                self,
-                "astray",
-                check_array(self.astray, (6,), f"{here}.astray", "a twist"),
-            )
-            self._check_kind(f"{here}.astray", LED)
+        _check_drive(self, here)
+        _check_spring(self, here)
+        _check_displacement(self, here)
         _ = self.axes
 
     @property
@@ -339,40 +323,34 @@ class Joint:
         """Whether its drive or spring acts on rotations; else on translations."""
         return self.type.turns
 
-    def _check_kind(self, field: str, kinds: Iterable[str]) -> None:
-        if self.kind not in kinds:
-            known = ", ".join(kinds)
-            raise InputError(
-                f"{field}: expected a {known} joint, got a {self.kind} one"
-            )
+    def yield_otherwise(self, fields: Mapping[str, Any]) -> Joint:
+        """Return the joint with another compliance, spring, offset or misplaced axis.
 
-    def _check_drive(self, here: str) -> None:
-        drive = self.drive
-        if drive is None:
-            return
-        self._check_kind(f"{here}.drive", LED)
-        _check_stiffness(f"{here}.drive.stiffness", drive.stiffness)
-        if not drive.low < drive.high:
-            got = [drive.low, drive.high]
-            raise InputError(
-                f"{here}.drive.range: expected its low end first, got {got}"
-            )
+        Its name, kind and axes stay, so that only these fields are checked: fits of geometric
+        errors change every joint in each step.
+        """
+        out = copy.copy(self)
+        for key, value in fields.items():
+            assign(out, key, value)
+        here = spell_name("joints", self.name)
+        if "compliance" in fields or "offset" in fields or "astray" in fields:
+            _check_displacement(out, here)
+        if "spring" in fields:
+            _check_spring(out, here)
+        return out
 
-    def _check_spring(self, here: str) -> None:
-        if self.spring is None:
-            if self.rest:
-                raise InputError(f"{here}.rest: expected a spring beside it, got none")
-            return
-        uniform = [name for name, each in JOINT_TYPES.items() if each.is_uniform]
-        self._check_kind(f"{here}.spring", uniform)
-        if self.drive is not None:
-            raise InputError(
-                f"{here}.spring: expected a passive joint, got one with a drive"
-            )
-        _check_stiffness(f"{here}.spring", self.spring)
-        if not np.isfinite(self.rest) or (self.rest and self.type.driven is None):
-            expected = "a displacement of a revolute or prismatic joint"
-            raise InputError(f"{here}.rest: expected {expected}, got {self.rest}")
+    def move_axis(self, turn: Array, shift: Array) -> Joint:
+        """Return the joint with its axis turned (3, 3) and then shifted (3,), at its actual place.
+
+        Its ``axis2``, which is fixed to the second body, stays.
+        """
+        out = copy.copy(self)
+        for known in ("axes", "motions", "cross"):
+            vars(out).pop(known, None)
+        assign(out, "at", self.at + shift)
+        assign(out, "axis", None if self.axis is None else turn @ self.axis)
+        assign(out, "astray", None)
+        return out
 
     @cached_property
     def axes(self) -> Array:
@@ -428,3 +406,51 @@ class Joint:
         """
         held = [k for k in range(6) if k not in self.type.free]
         return tuple(k for k in held if k < 3), tuple(k - 3 for k in held if k >= 3)
+
+
+def _check_displacement(joint: Joint, here: str) -> None:
+    """Check its compliance, and where its unloaded ends are."""
+    if joint.compliance is not None:
+        c = check_compliance(joint.compliance, f"{here}.compliance", semidefinite=True)
+        assign(joint, "compliance", c)
+    if joint.offset is not None:
+        offset = check_array(joint.offset, (6,), f"{here}.offset", "a twist")
+        assign(joint, "offset", offset)
+    if joint.astray is not None:
+        astray = check_array(joint.astray, (6,), f"{here}.astray", "a twist")
+        assign(joint, "astray", astray)
+        _check_kind(joint, f"{here}.astray", LED)
+
+
+def _check_drive(joint: Joint, here: str) -> None:
+    drive = joint.drive
+    if drive is None:
+        return
+    _check_kind(joint, f"{here}.drive", LED)
+    _check_stiffness(f"{here}.drive.stiffness", drive.stiffness)
+    if not drive.low < drive.high:
+        got = [drive.low, drive.high]
+        raise InputError(f"{here}.drive.range: expected its low end first, got {got}")
+
+
+def _check_spring(joint: Joint, here: str) -> None:
+    if joint.spring is None:
+        if joint.rest:
+            raise InputError(f"{here}.rest: expected a spring beside it, got none")
+        return
+    uniform = [name for name, each in JOINT_TYPES.items() if each.is_uniform]
+    _check_kind(joint, f"{here}.spring", uniform)
+    if joint.drive is not None:
+        raise InputError(
+            f"{here}.spring: expected a passive joint, got one with a drive"
+        )
+    _check_stiffness(f"{here}.spring", joint.spring)
+    if not np.isfinite(joint.rest) or (joint.rest and joint.type.driven is None):
+        expected = "a displacement of a revolute or prismatic joint"
+        raise InputError(f"{here}.rest: expected {expected}, got {joint.rest}")
+
+
+def _check_kind(joint: Joint, field: str, kinds: Iterable[str]) -> None:
+    if joint.kind not in kinds:
+        known = ", ".join(kinds)
+        raise InputError(f"{field}: expected a {known} joint, got a {joint.kind} one")

@@ -25,13 +25,13 @@ from stiffscope.vjm.model.checks import (
     check_vector,
     spell_name,
 )
+from stiffscope.vjm.model.joints import Joint
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
     from typing import Any
 
     from stiffscope.vjm.model.bodies import Body
-    from stiffscope.vjm.model.joints import Joint
     from stiffscope.vjm.model.screws import Array
 
 COORDINATES = ("x", "y", "z", "rx", "ry", "rz")
@@ -239,8 +239,11 @@ class Mechanism:
             _apply_change(at, changes[name]) if name in changes else at
             for name, at in ((BASE, self.base), (TOOL, self.grip))
         )
-        for name, change in (("base", base), ("tool", grip)):
-            if change.compliance is not None:
+        for name, change, before in (
+            ("base", base, self.base),
+            ("tool", grip, self.grip),
+        ):
+            if change is not before and change.compliance is not None:
                 check_compliance(change.compliance, name, semidefinite=True)
         out = copy.copy(self)  # names and connections are already checked
         values = {
@@ -263,4 +266,6 @@ def _apply_change(element: Any, change: Change) -> Any:
             new[key] = more if now is None else now + more
     if change.spring:
         new["spring"] = (element.spring or 0.0) + change.spring
+    if isinstance(element, Joint):
+        return element.yield_otherwise(new)
     return replace(element, **new)

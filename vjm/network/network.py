@@ -369,10 +369,10 @@ def _mislay(element: Element, drawn: Joint, astray: Array) -> Element:
     """Return a joint's element at the actual place of its axis."""
     away = np.kron(np.eye(2), drawn.axes) @ astray
     turn = rotation_of(away[None, 3:])[0]
-    at = drawn.at + away[:3]
-    axis = None if drawn.axis is None else turn @ drawn.axis
-    there = replace(drawn, at=at, axis=axis, astray=None)
-    return replace(element, axes=turn @ drawn.axes, at=at, joint=there, drawn=drawn)
+    there = drawn.move_axis(turn, away[:3])
+    return replace(
+        element, axes=turn @ drawn.axes, at=there.at, joint=there, drawn=drawn
+    )
 
 
 def _columns(vectors: list[Array]) -> Array:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.runtime.threads import in_one_thread
 from stiffscope.vjm.model.screws import shift
 from stiffscope.vjm.network.network import END
 from stiffscope.vjm.vibration.coordinates import sum_squares
@@ -68,6 +69,7 @@ class ModalPorts:
         return np.sqrt(squares) / (2.0 * np.pi)
 
 
+@in_one_thread
 def expand_ports(
     mechanism: Mechanism,
     found: Configurations,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError, say_count
+from stiffscope.runtime.threads import in_one_thread
 from stiffscope.vjm.kinematics.configurations import configure
 from stiffscope.vjm.kinematics.datasets import Labelled, make_dataset
 from stiffscope.vjm.kinematics.mobility import mobility
@@ -95,6 +96,7 @@ class Modes(Labelled):
         )
 
 
+@in_one_thread
 def modes(
     mechanism: Mechanism, poses: Poses, count: int = 6, *, drives: Drives = "held"
 ) -> Modes:
@@ -152,6 +154,7 @@ def modes(
     return replace(out, remarks=tuple(remarks))
 
 
+@in_one_thread
 def frequencies(
     mechanism: Mechanism, poses: Poses, count: int = 6, *, drives: Drives = "held"
 ) -> Array:
@@ -169,6 +172,7 @@ def frequencies(
     return out
 
 
+@in_one_thread
 def strain_products(
     mechanism: Mechanism, poses: Poses, count: int = 6, *, drives: Drives = "held"
 ) -> dict[str, Array]:

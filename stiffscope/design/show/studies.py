@@ -31,7 +31,9 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from stiffscope.design.making import Design
     from stiffscope.design.studies import Study
+    from stiffscope.design.study_file import StudyFile
     from stiffscope.report.page import Figure as PageFigure
     from stiffscope.report.run_report import Draft
 
@@ -96,12 +98,12 @@ def _list_designs(study: Study) -> Shown:
     )
     states[list(study.best)] = "best"
     order = list(dict.fromkeys([*study.best, *range(len(study.designs))]))[:MOST_LISTED]
+    present = tuple((*row, "present") for row in _present_rows(study))
     more = len(study.designs) - len(order)
     ends = f"the best first; {TABLE}.csv has {more} more"
     title = f"The first {len(order)} designs, {ends}" if more else "All designs"
-    return Shown(
-        title, names, tuple((*_row(study, k), states[k]) for k in order), folded=True
-    )
+    rows = tuple((*_row(study, k), states[k]) for k in order)
+    return Shown(title, names, (*present, *rows), folded=True)
 
 
 def _chart_designs(study: Study, still: PageFigure | None = None) -> Chart:
@@ -152,6 +154,24 @@ def study_json(study: Study) -> dict[str, Any]:
         "method": study.file.method,
         "columns": list(table.columns),
         "rows": table.astype(object).to_numpy().tolist(),
+        "present": study.present
+        and {
+            "values": dict(
+                zip(
+                    [v.name for v in study.file.variables],
+                    study.present.values,
+                    strict=True,
+                )
+            ),
+            "responses": dict(
+                zip(
+                    [r.name for r in study.file.responses],
+                    study.present.responses,
+                    strict=True,
+                )
+            ),
+            "reason": study.present.reason,
+        },
         "best": [k + 1 for k in study.best],
         "converged": converged,
         "search": list(how),
@@ -173,6 +193,7 @@ def show_study(study: Study) -> None:
     nearest = find_nearest(study)
     chosen = study.best or ([nearest.design] if nearest else range(len(study.designs)))
     rows = [_row(study, k) for k in chosen[:MOST_ROWS]]
+    rows = [*_present_rows(study), *rows]
     groups = [
         ("design",),
         [v.name for v in file.variables],
@@ -238,15 +259,24 @@ def _describe_search(study: Study) -> list[str]:
 
 
 def _row(study: Study, index: int) -> list[str]:
-    design = study.designs[index]
-    file = study.file
+    return _design_row(study.file, study.designs[index], str(index + 1))
+
+
+def _present_rows(study: Study) -> list[list[str]]:
+    """Return the row of the present design, if it was computed."""
+    if study.present is None:
+        return []
+    return [_design_row(study.file, study.present, "0, as it is")]
+
+
+def _design_row(file: StudyFile, design: Design, name: str) -> list[str]:
     values = [
         value if isinstance(value, str) else quantity(value, v.unit)
         for v, value in zip(file.variables, design.values, strict=True)
     ]
     found = zip(design.responses, file.responses, strict=True)
     return [
-        str(index + 1),
+        name,
         *values,
         *(quantity(value, r.unit, 5) for value, r in found),
     ]
@@ -272,6 +302,10 @@ def _front(study: Study) -> Figure | None:
         axes.plot(*values[some, :2].T, "o", ms=4, color=colour, alpha=0.6, label=word)
     mark = "o-" if len(goals) == 2 else "o"
     axes.plot(*values[list(study.best), :2].T, mark, ms=5, color=EFFECT, label="best")
+    here = [_present_value(study, goal.response) for goal in goals[:2]]
+    axes.plot(
+        [here[0]], [here[1]], "s", ms=8, mfc="none", color=BEFORE, label="present"
+    )
     for set_label, goal in zip((axes.set_xlabel, axes.set_ylabel), goals, strict=False):
         words = f"{_column(study, goal.response)}, {'less' if goal.sign > 0 else 'more'} is better"
         set_label(words, parse_math=False)
@@ -302,10 +336,21 @@ def _progress(study: Study) -> Figure | None:
     best = np.array(study.best, dtype=int)
     if len(best):
         axes.plot(best + 1, values[best], "o", ms=9, color=EFFECT, label="best")
+    here = _present_value(study, goal.response)
+    if np.isfinite(here):
+        axes.axhline(here, color=BEFORE, lw=1.0, ls="--", label="present design")
     axes.set_xlabel("design")
     axes.set_ylabel(_column(study, goal.response), parse_math=False)
     _tidy(axes)
     return drawn
+
+
+def _present_value(study: Study, response: str) -> float:
+    """Return a response of the present design, SI; NaN if it was not computed."""
+    if study.present is None:
+        return np.nan
+    names = [each.name for each in study.file.responses]
+    return study.present.responses[names.index(response)]
 
 
 def _column(study: Study, response: str) -> str:

@@ -81,6 +81,15 @@ class Sensor:
     """Name of the target, common to the channels of one position."""
     at_sigma: float = 0.0
     """Standard uncertainty of each component of `at`, m; 0 if known."""
+    inside: float | None = None
+    """Place within an elastic body, whose base is then `body`, over its length; None: on `body` itself."""
+
+    @property
+    def place(self) -> str:
+        """The measured body, as in a campaign.toml."""
+        if self.inside is None:
+            return self.body
+        return f"{self.body.rpartition('.')[0]}:{self.inside:g}"
 
     @property
     def rotates(self) -> bool:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, meant
 from stiffscope.gap.campaign.campaign import InstrumentFrame, LoadPoint, Sensor
 from stiffscope.gap.campaign.header_table import HeaderTable
-from stiffscope.gap.campaign.quantities import AXES, QUANTITIES
+from stiffscope.gap.campaign.quantities import AXES, JOINT, QUANTITIES, WRENCH
 from stiffscope.gap.campaign.response_header import ResponseSetup, read_setup
 from stiffscope.gap.effects.instruments import INSTRUMENT, ROTATION, TRANSLATION
 from stiffscope.gap.effects.vocabulary import EFFECTS
+from stiffscope.robot.file.description import ENDS
 from stiffscope.robot.file.parse import Source, parse_text
 from stiffscope.robot.file.quantities import (
     LENGTH,
@@ -36,12 +38,26 @@ KEYS = (
     "readings",
     "predictions",
     "units",
+    "columns",
     "ignore",
     "frames",
     "sensors",
     "loads",
     "responses",
 )
+COLUMNS = (
+    *AXES,
+    "pose",
+    "load",
+    *WRENCH,
+    "sensor",
+    "quantity",
+    "kind",
+    "value",
+    "sigma",
+    "session",
+)
+"""Columns of a table of readings, beside q:JOINT."""
 ZEROS = ("none", "session")
 SENSOR_KEYS = (
     "measures",
@@ -53,6 +69,7 @@ SENSOR_KEYS = (
     "frame",
     "zero",
 )
+_INSIDE = re.compile(r"(?P<body>.+):(?P<share>\d*\.?\d+)")
 FRAME_KEYS = ("pose", "sigma", "per")
 LOAD_KEYS = ("body", "at")
 _RESERVED = {INSTRUMENT, TRANSLATION, ROTATION, "f", *AXES, *QUANTITIES}
@@ -76,6 +93,8 @@ class Header:
     """Its text, used to give line numbers in errors."""
     units: Mapping[str, str]
     """Units of columns that are not in SI."""
+    columns: Mapping[str, str]
+    """Headings of the tables, by the column that they stand for, where they are others."""
     ignore: tuple[str, ...]
     frames: tuple[InstrumentFrame, ...]
     sensors: tuple[Sensor, ...]
@@ -108,7 +127,7 @@ def load_header(folder: Path) -> Header:
     setups = _read_setups(top)
     readings = _read_names(top, optional=bool(setups))
     ignore = top.texts("ignore", ())
-    needed = [name for name in ("value", "sigma") if name in ignore]
+    needed = [name for name in ("value",) if name in ignore]
     if needed:
         raise top.refuse(
             "ignore", f'expected columns that are not needed, got "{needed[0]}"'
@@ -144,6 +163,7 @@ def load_header(folder: Path) -> Header:
         predictions=predictions,
         source=source,
         units={column: unit for column in units.data if (unit := units.text(column))},
+        columns=_read_headings(top),
         ignore=ignore,
         frames=frames,
         sensors=tuple(sensors),
@@ -167,6 +187,21 @@ def _read_names(top: HeaderTable, *, optional: bool) -> tuple[str, ...]:
             "readings", "expected one file name or a list of different ones"
         )
     return readings
+
+
+def _read_headings(top: HeaderTable) -> dict[str, str]:
+    """Return the tables' own headings by column."""
+    section = top.table("columns")
+    headings: dict[str, str] = {}
+    for column in section.data:
+        if column not in COLUMNS and not column.startswith(JOINT):
+            expected = f"expected one of {', '.join(COLUMNS)}, q:JOINT"
+            raise section.refuse(column, f"{expected}{meant(column, COLUMNS)}")
+        heading = section.text(column) or ""
+        if heading.strip() in headings.values():
+            raise section.refuse(column, f"expected another heading than {heading!a}")
+        headings[column] = heading.strip()
+    return headings
 
 
 def _read_frame(name: str, section: HeaderTable) -> InstrumentFrame:
@@ -206,7 +241,15 @@ def _read_sensor(
         section.refuse_others(("at",), message)
     else:
         at = section.point("at")
-    return (Sensor(name, body, direction, at, measures, against, zero),)
+    inside = _INSIDE.fullmatch(body)
+    if inside is None:
+        return (Sensor(name, body, direction, at, measures, against, zero),)
+    share = float(inside["share"])
+    if not 0.0 < share < 1.0:
+        expected = 'expected a place within a body such as "leg1.arm:0.5"'
+        raise section.refuse("body", f"{expected}, got {show_value(body)}")
+    base = f"{inside['body']}.{ENDS[0]}"
+    return (Sensor(name, base, direction, at, measures, against, zero, inside=share),)
 
 
 def _read_target(

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.gap.campaign.quantities import PUSH, STIFFNESS, WRENCH
-from stiffscope.gap.campaign.sanity import SHOWN, ReadingRemark
+from stiffscope.gap.campaign.sanity import SANITY, ReadingRemark
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -75,7 +75,7 @@ def inspect_mechanics(c: Campaign) -> Iterator[ReadingRemark]:
     rows = np.flatnonzero(find_unloaded(c))
     for name in dict.fromkeys(map(c.what, rows.tolist())):
         where = tuple(c.where(row) for row in rows.tolist() if c.what(row) == name)
-        text = f"{name} is deflected by no force or moment at {', '.join(where[:SHOWN])}: is a load missing?"
+        text = f"{name} is deflected by no force or moment at {', '.join(where[: SANITY.shown])}: is a load missing?"
         yield ReadingRemark(
             "no-load", name, where, f"{text} A diagnosis leaves these out"
         )

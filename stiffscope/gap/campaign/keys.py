@@ -28,7 +28,7 @@ from stiffscope.gap.campaign.quantities import (
     names_of,
 )
 from stiffscope.robot.file import quantities as q
-from stiffscope.robot.file.quantities import Dimension, show_value, to_si
+from stiffscope.robot.file.quantities import Dimension, show_value, to_si, weight_of
 from stiffscope.runtime.table import check_columns, numbers
 
 if TYPE_CHECKING:
@@ -102,9 +102,7 @@ def check_readings_columns(name: str, columns: list[str], *, bare: bool) -> None
     place = coordinates_of(columns, bare=bare)
     measured = () if "sensor" in columns else ("quantity",)
     valid = (*place, *WRENCH, *OPTIONAL, "value", "sigma")
-    check_columns(
-        name, columns, [*place, *measured, "value", "sigma"], dict.fromkeys(valid)
-    )
+    check_columns(name, columns, [*place, *measured, "value"], dict.fromkeys(valid))
 
 
 def check_predictions_columns(name: str, columns: list[str]) -> None:
@@ -143,16 +141,16 @@ def read_keys(table: Table, header: Header, *, bare: bool) -> Keys:
     if coordinates == LABEL:
         cells = table.column("pose")
         if "" in cells:
-            raise table.fail(cells.index(""), "pose", "the label of a pose")
+            unnamed = np.array([cell == "" for cell in cells])
+            table.refuse_where(unnamed, "pose", "the label of a pose", alone=True)
         place: tuple[tuple[Any, ...], ...] = tuple((cell,) for cell in cells)
     else:
         values = (coordinate(table, header, name).tolist() for name in coordinates)
         place = tuple(zip(*values, strict=True))
     for name in ("session", *LABEL):
         strange = np.array([not cell.isprintable() for cell in table.column(name)])
-        table.refuse_where(
-            strange, name, "a label of printable characters"
-        )  # a terminal would obey it
+        # a terminal would obey others
+        table.refuse_where(strange, name, "a label of printable characters", alone=True)
     return Keys(
         table=table,
         coordinates=coordinates,
@@ -190,7 +188,9 @@ def _read_measured(
     table.refuse_where(at_tool & by_sensor, "sensor", both)
     column = "quantity" if "quantity" in table.columns else "sensor"
     either = f"{shown}, or a sensor, {listed}" if column == "quantity" else listed
-    table.refuse_where(~at_tool & ~by_sensor, column, either if names else shown)
+    table.refuse_where(
+        ~at_tool & ~by_sensor, column, either if names else shown, alone=False
+    )
     every = np.maximum(sensor, 0)
     absolute = (
         np.array([s.absolute for s in header.sensors] or [False])[every] & by_sensor
@@ -255,18 +255,17 @@ def check_units(header: Header, table: Table) -> None:
             column.startswith(of.JOINT) and column[len(of.JOINT) :]
         ):
             valid = ", ".join((*AXES, *WRENCH, "value", "sigma", "q:JOINT"))
-            raise header.source.refuse(
-                ("units", column), f"expected a column among {valid}"
+            table.note(
+                header.source.refuse(
+                    ("units", column), f"expected a column among {valid}"
+                )
             )
         if column.startswith(of.JOINT) and column not in table.columns:
-            raise header.source.refuse(
-                ("units", column),
-                f"expected a column of {table.name}, which has none such",
-            )
-        if column not in table.columns and column in {"value", "sigma"}:
-            raise InputError(
-                f"{table.name}:1: {column}: expected this column, got none"
-            )
+            expected = f"expected a column of {table.name}, which has none such"
+            table.note(header.source.refuse(("units", column), expected))
+        if column not in table.columns and column == "sigma":
+            message = f"{table.name}:1: sigma: expected this column, got none"
+            table.note(InputError(message))
 
 
 def coordinate(table: Table, header: Header, name: str) -> Array:
@@ -278,7 +277,7 @@ def coordinate(table: Table, header: Header, name: str) -> Array:
         {"m": "metres", "rad": "radians"}[each.unit] for each in dimensions
     )
     values = numbers(table, name, expected=f"a finite number of {unit}")
-    values = values * _factor(header, name, *dimensions)
+    values = values * _factor(table, header, name, *dimensions)
     _check_most(table, name, values, dimensions[0])
     return np.round(values, 12)
 
@@ -289,12 +288,12 @@ def component(table: Table, header: Header, name: str) -> Array:
     values = numbers(
         table, name, empty=True, expected="a finite number or an empty cell"
     )
-    values = values * _factor(header, name, dimension)
+    values = values * _factor(table, header, name, dimension)
     _check_most(table, name, values, dimension)
     return values
 
 
-def _factor(header: Header, column: str, *dimensions: Dimension) -> float:
+def _factor(table: Table, header: Header, column: str, *dimensions: Dimension) -> float:
     """Return the SI value of a column's unit. Raises InputError if it fits no dimension."""
     unit = header.units.get(column)
     if unit is None:
@@ -306,7 +305,9 @@ def _factor(header: Header, column: str, *dimensions: Dimension) -> float:
             continue
     expected = " or ".join(f'{d.noun} such as "{d.example}"' for d in dimensions)
     message = f"expected a unit of {expected}, got {show_value(unit)}"
-    raise header.source.refuse(("units", column), message)
+    message += weight_of(unit, dimensions[0])
+    table.note(header.source.refuse(("units", column), message))
+    return 1.0
 
 
 def readings_in_si(
@@ -350,12 +351,14 @@ def readings_in_si(
             with np.errstate(over="ignore"):  # overflow is refused below
                 out[mine] *= to_si(f"1 {unit}", dimension) if unit else 1.0
         except ValueError:
-            _check_unit(header, str(unit), unit_of)
+            if not _check_unit(table, header, str(unit), unit_of):
+                return out
             row = int(np.argmax(mine))
             measured = "quantity" if table.column("quantity")[row] else "sensor"
             stated = f"measured in {unit}, as campaign.toml says of {unit_of}"
             message = f"a reading that is {stated}, not {dimension.noun}"
-            raise table.fail(row, measured, message) from None
+            table.refuse_where(np.arange(len(mine)) == row, measured, message)
+            continue
         _check_most(table, column, np.where(mine, out, 0.0), dimension)
         fine = mine & (out < dimension.least) & (out > 0.0)
         if column == "sigma":
@@ -372,7 +375,8 @@ def _check_most(table: Table, column: str, values: Array, dimension: Dimension) 
     table.refuse_where(np.abs(values) > dimension.most, column, message)
 
 
-def _check_unit(header: Header, unit: str, column: str) -> None:
+def _check_unit(table: Table, header: Header, unit: str, column: str) -> bool:
+    """Return whether it is a unit of readings, after a note if it is not."""
     for dimension in (
         *(each for kind in KINDS for each in kind.dimensions),
         q.NUMBER,
@@ -381,6 +385,7 @@ def _check_unit(header: Header, unit: str, column: str) -> None:
             to_si(f"1 {unit}", dimension)
         except ValueError:
             continue
-        return
+        return True
     message = f'expected a unit such as "um", "urad" or "N/um", got {show_value(unit)}'
-    raise header.source.refuse(("units", column), message)
+    table.note(header.source.refuse(("units", column), message))
+    return False

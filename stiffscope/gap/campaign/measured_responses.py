@@ -239,7 +239,7 @@ def _configure(
     if setup.pose is None:
         found = configure_drives(mechanism, [_read_joints(campaign, setup, robot)])
     else:
-        pose = _read_pose(campaign, setup, robot, mechanism)
+        pose = _read_pose(campaign, setup, robot)
         found = configured_poses(robot, mechanism, [pose])
     if not found.valid[0]:
         raise campaign.refuse(where, found.refusal(0))
@@ -247,15 +247,13 @@ def _configure(
 
 
 def _read_pose(
-    campaign: Campaign, setup: ResponseSetup, robot: RobotFile, mechanism: Mechanism
+    campaign: Campaign, setup: ResponseSetup, robot: RobotFile
 ) -> tuple[float, ...]:
     key = ("responses", setup.name, "pose")
     if isinstance(setup.pose, str):
-        if setup.pose in robot.poses:
-            return robot.poses[setup.pose]
-        if setup.pose == "home":
-            return tuple(mechanism.tool.home.tolist())
-        known = f"home or {robot.name}'s [poses] {', '.join(robot.poses)}"
+        if setup.pose in robot.known_poses:
+            return robot.known_poses[setup.pose]
+        known = f"one of {robot.name}'s poses {', '.join(robot.known_poses)}"
         raise campaign.refuse(key, f"expected {known}, got {show_value(setup.pose)}")
     given = setup.pose or ()
     names = robot.tool.pose

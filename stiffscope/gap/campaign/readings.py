@@ -24,7 +24,7 @@ from stiffscope.gap.campaign.keys import (
 from stiffscope.gap.campaign.kinds import KINDS, by_code
 from stiffscope.gap.campaign.kinds.motions import MOVED
 from stiffscope.gap.campaign.quantities import AXES, WRENCH, kind_of, label_pose
-from stiffscope.robot.file.description import GROUND
+from stiffscope.robot.file.description import ENDS, GROUND
 from stiffscope.robot.file.quantities import show_value, to_si
 from stiffscope.runtime.reading import open_file
 from stiffscope.runtime.reading import show_path as shown_path
@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.campaign.campaign_header import Header
     from stiffscope.gap.campaign.keys import Keys
     from stiffscope.robot.file.description import RobotFile
+    from stiffscope.runtime.table import Table
 
 log = logging.getLogger(__name__)
 MOST_POSES = 2_000  # a diagnosis needs 0.02 s and 0.1 MB for each
@@ -206,8 +207,22 @@ def _read_readings(
     """Return the keys, values and uncertainties (n,) of a table."""
     bare = header.predictions is not None
     table = read_table(
-        path, partial(of_rows.check_readings_columns, bare=bare), header.ignore
+        path,
+        partial(of_rows.check_readings_columns, bare=bare),
+        header.ignore,
+        headings=header.columns,
+        together=True,
     )
+    with table.tell_together():
+        return _read_rows(table, header, planned=planned)
+    raise AssertionError("faults are raised")
+
+
+def _read_rows(
+    table: Table, header: Header, *, planned: bool
+) -> tuple[Keys, Array, Array]:
+    """Return the keys, values and uncertainties (n,) of a table's rows."""
+    bare = header.predictions is not None
     check_marks(
         table, [name for name in table.columns if name not in {*OPTIONAL, *LABEL}]
     )
@@ -342,12 +357,15 @@ def match_robot(campaign: Campaign, robot: RobotFile) -> Campaign:
         raise InputError(f"{where}: session: {expected}")
     if not np.isnan(campaign.poses).any():
         return _order_columns(campaign, robot)
-    for k, name in enumerate(campaign.pose_names):  # named poses
-        if name not in robot.poses:
-            where = campaign.where(int(np.argmax(campaign.pose == k)))
-            known = f"{robot.name}'s [poses] {', '.join(robot.poses)}"
-            raise InputError(f"{where}: pose: expected one of {known}, got {name!r}")
-    poses = np.array([robot.poses[name] for name in campaign.pose_names])
+    known = f"{robot.name}'s poses {', '.join(robot.known_poses)}"
+    unknown = [
+        f"{campaign.where(int(np.argmax(campaign.pose == k)))}: pose: expected one of {known}, got {name!r}"
+        for k, name in enumerate(campaign.pose_names)
+        if name not in robot.known_poses
+    ]
+    if unknown:
+        raise InputError(unknown[0], unknown[1:])
+    poses = np.array([robot.known_poses[name] for name in campaign.pose_names])
     return replace(campaign, poses=poses, coordinates=tuple(robot.tool.pose))
 
 
@@ -400,6 +418,14 @@ def _check_bodies(campaign: Campaign, robot: RobotFile) -> None:
     for sensor in campaign.sensors:
         section = sensor.target or sensor.name
         check(sensor.body, "sensors", section, "body", moves=False)
+        if sensor.inside is not None:
+            check(
+                f"{known[sensor.body]}.{ENDS[1]}",
+                "sensors",
+                section,
+                "body",
+                moves=False,
+            )
         check(sensor.against, "sensors", section, "against", moves=False)
         turns = sensor.body == GROUND and sensor.measures == "rotation"
         if sensor.body == sensor.against and not turns:

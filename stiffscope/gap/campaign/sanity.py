@@ -25,22 +25,47 @@ if TYPE_CHECKING:
     from stiffscope.vjm.kinematics.configurations import Configurations
     from stiffscope.vjm.model.mechanism import Mechanism
 
-LEAST = 4  # fewest readings of a channel that are checked
-UNIT = 30.0  # ratio to the model, either way, that suggests a wrong unit
+
+@dataclass(frozen=True)
+class SanitySettings:
+    """When readings are doubted before any diagnosis."""
+
+    least: int = 4
+    """Fewest readings of a channel that are checked."""
+    unit: float = 30.0
+    """Ratio to the model, either way, that suggests a wrong unit: robots are not that soft."""
+    shown: int = 5
+    """Most rows in a remark."""
+    agree: float = 0.8
+    """Least net fraction of readings with the sign of the model, or correlation."""
+    same: float = 3.0
+    """Largest ratio to the model of deviations that are not due to geometric errors."""
+    sized: float = 0.1
+    """Of the largest prediction: smaller ones do not show unit and sign."""
+    jump: float = 8.0
+    """Standard deviations of the scatter: least size of a step or an outlier."""
+    beyond: float = 0.9
+    """Least share of the readings on either side of a step that are beyond its middle."""
+    apart: float = 1.5
+    """Least ratio of an outlier to the largest other reading."""
+    far: float = 1000.0
+    """Least ratio of an invalid reading to the model and half of its channel."""
+    rare: float = 0.1
+    """Largest fraction of outliers in a channel."""
+    side: int = 3
+    """Least readings on either side of a step."""
+    own: float = 0.1
+    """Least share of these, or of a step, that what else varies does not follow."""
+    alike: float = 1e-9
+    """Relative size below which columns are one: rounding."""
+    rounded: float = 1e-5
+    """Rad or m: poses in tables are rounded."""
+
+
+SANITY = SanitySettings()
+
+
 DEGREES = 180.0 / np.pi
-_AGREE = 0.8  # least net fraction of readings with the model's sign, or correlation
-_SAME = 3.0  # largest ratio to the model of deviations not due to geometric errors
-_SIZED = 0.1  # of the largest prediction: smaller ones do not show unit and sign
-SHOWN = 5  # most rows in a remark
-_JUMP = 8.0  # least size of a step or an outlier, standard deviations of the scatter
-_BEYOND = 0.9  # least share of the readings on either side of a step that are beyond its middle
-_APART = 1.5  # least ratio of an outlier to the largest other reading
-_FAR = 1000.0  # least ratio of an invalid reading to the model and half of its channel
-_RARE = 0.1  # largest fraction of outliers in a channel
-_SIDE = 3  # least readings on either side of a step
-_OWN = 0.1  # least share of these, or of a step, that what else varies does not follow
-_ALIKE = 1e-9  # relative size below which columns are one
-_ROUNDED = 1e-5  # rad or m: poses in tables are rounded
 
 
 @dataclass(frozen=True)
@@ -96,7 +121,7 @@ def inspect_ranges(
     found
         The robot at the p poses, reached whatever the ranges.
     """
-    limited = limit_drives(found, mechanism, _ROUNDED)
+    limited = limit_drives(found, mechanism, SANITY.rounded)
     rows = np.flatnonzero(~limited.valid[c.pose])
     if not len(rows):
         return ()
@@ -113,7 +138,7 @@ def inspect_ranges(
     )
 
 
-def _channels(c: Campaign, least: int = LEAST) -> Iterator[tuple[str, Indices]]:
+def _channels(c: Campaign, least: int = SANITY.least) -> Iterator[tuple[str, Indices]]:
     """Yield instruments with their rows of one kind with a value, if at least ``least``."""
     key = np.column_stack([c.channel, c.kind])
     for channel, kind in np.unique(key, axis=0).tolist():
@@ -134,7 +159,7 @@ def _kind_of(c: Campaign, row: int) -> Kind:
 def _inspect_loads(c: Campaign) -> Iterator[ReadingRemark]:
     """Yield remarks on zero loads and on too few readings."""
     read = np.flatnonzero(~np.isnan(c.value))
-    if 0 < len(read) < LEAST - 1:
+    if 0 < len(read) < SANITY.least - 1:
         have = "1 reading has" if len(read) == 1 else f"{len(read)} readings have"
         text = f"{have} a value: too few for a diagnosis"
         yield ReadingRemark("few", "", (c.where(int(read[0])),), text)
@@ -154,7 +179,7 @@ def _find_far(c: Campaign, predicted: Array) -> Iterator[ReadingRemark]:
             float(np.sort(size)[(len(rows) - 1) // 2]),
             float(np.nan_to_num(model).max()),
         )
-        far = size > _FAR * usual
+        far = size > SANITY.far * usual
         if c.is_displacement[rows[0]] and usual and far.any():
             yield _name_rows(c, name, rows[far])
 
@@ -174,7 +199,8 @@ def _find_contradictions(c: Campaign) -> Iterator[ReadingRemark]:
         size = np.maximum(np.abs(c.value[order]), np.abs(c.value[order[first]]))
         known = apart[apart > 0]
         sound = np.maximum(
-            _JUMP * sigma, _JUMP * np.median(known) if len(known) >= LEAST else 0.0
+            SANITY.jump * sigma,
+            SANITY.jump * np.median(known) if len(known) >= SANITY.least else 0.0,
         )
         bad = (apart > sound) & (apart > 0.5 * size)
         if bad.any():
@@ -194,7 +220,7 @@ def _inspect_channel(
     value = c.value[rows]
     model = predicted[rows]
     known = bool(np.isfinite(model).all())
-    varies = not known or np.ptp(model) > _SIZED * np.abs(model).max()
+    varies = not known or np.ptp(model) > SANITY.sized * np.abs(model).max()
     if not np.ptp(value) and varies and not kind.is_steady:
         read = f"{name} reads {value[0]:g} in all {len(rows)} {kind.name}s"
         text = f"{read}: is it stuck?"
@@ -256,16 +282,19 @@ def _look_at(c: Campaign, rows: Indices, value: Array, model: Array) -> _Look | 
     if kind.shows_rest:
         value = value - np.median(value)
         model = model - np.median(model)
-    sized = np.abs(model) > _SIZED * np.abs(model).max()
-    if sized.sum() < LEAST:
+    sized = np.abs(model) > SANITY.sized * np.abs(model).max()
+    if sized.sum() < SANITY.least:
         return None
     agree = float(np.mean(np.sign(value[sized] * model[sized])))
     ratio = float(np.median(np.abs(value[sized] / model[sized])))
-    within = 1.0 / UNIT < ratio < UNIT
-    same = 1.0 / _SAME < ratio < _SAME
+    within = 1.0 / SANITY.unit < ratio < SANITY.unit
+    same = 1.0 / SANITY.same < ratio < SANITY.same
     size = float(np.linalg.norm(value) * np.linalg.norm(model))
-    varies = len(value) >= 2 * LEAST and abs(float(value @ model)) > _AGREE * size
-    alike = abs(agree) > _AGREE and (kind.is_difference or (same and varies))
+    varies = (
+        len(value) >= 2 * SANITY.least
+        and abs(float(value @ model)) > SANITY.agree * size
+    )
+    alike = abs(agree) > SANITY.agree and (kind.is_difference or (same and varies))
     factor = np.nan
     if (not kind.is_displacement or alike) and ratio > 0.0:
         turns = bool(c.direction[rows[0]] >= 3) and kind.is_displacement
@@ -374,7 +403,7 @@ def _columns(c: Campaign, rows: Indices, model: Array) -> Array:
     left, size, _ = np.linalg.svd(
         columns / np.abs(columns).max(axis=0), full_matrices=False
     )
-    return left[:, size > _ALIKE * size[0]]
+    return left[:, size > SANITY.alike * size[0]]
 
 
 def _fit_robustly(value: Array, columns: Array) -> tuple[Array, Array]:
@@ -385,7 +414,7 @@ def _fit_robustly(value: Array, columns: Array) -> tuple[Array, Array]:
     rounding = max(1e-15 * float(np.abs(value).max()), 1e-300)
     fit = np.zeros(columns.shape[1])
     for _ in range(30):
-        fit = solve(columns * weight[:, None], value * weight, rcond=_ALIKE)[0]
+        fit = solve(columns * weight[:, None], value * weight, rcond=SANITY.alike)[0]
         left = np.asarray(value - columns @ fit, dtype=float)
         weight = np.sqrt(1.0 / (1.0 + (left / max(2.0 * _spread(left), rounding)) ** 2))
     return fit, left
@@ -428,12 +457,12 @@ def _find_jump(
     the others, may differ by a fault of the robot there.
     """
     count = len(value)
-    if count < 2 * (_SIDE + 1):
+    if count < 2 * (SANITY.side + 1):
         return None
     left = _fit_robustly(value, columns)[1]
     clipped = np.clip(_centre(left), -10 * _spread(left), 10 * _spread(left))
     clipped = clipped - columns @ (columns.T @ clipped)
-    before = np.arange(_SIDE, count - _SIDE + 1)
+    before = np.arange(SANITY.side, count - SANITY.side + 1)
     pull, shared = (
         np.cumsum(each[::-1], axis=0)[::-1][before] for each in (clipped, columns)
     )
@@ -442,18 +471,20 @@ def _find_jump(
     )  # of a step, what the columns do not follow
     place = int(
         before[
-            np.argmax(pull**2 / own.clip(min=_OWN * np.minimum(before, count - before)))
+            np.argmax(
+                pull**2 / own.clip(min=SANITY.own * np.minimum(before, count - before))
+            )
         ]
     )
     fit, rest = _fit_robustly(
         value, np.column_stack([columns, np.heaviside(np.arange(count) - place, 1.0)])
     )
     jump = float(fit[-1])
-    if abs(jump) <= _JUMP * _spread(rest):
+    if abs(jump) <= SANITY.jump * _spread(rest):
         return None
     apart = (
         min(np.mean(rest[:place] / jump <= 0.5), np.mean(rest[place:] / jump > -0.5))
-        >= _BEYOND
+        >= SANITY.beyond
     )
     visited = min(len(np.unique(poses[:place])), len(np.unique(poses[place:])))
     return (
@@ -470,21 +501,26 @@ def _name_outliers(
     sigma = np.nan_to_num(c.sigma[rows]) / np.where(
         c.relative[rows], np.abs(c.value[rows]), 1.0
     )
-    size = np.abs(left)
-    far = _stand_apart(size, size > _JUMP * np.maximum(_spread(left), sigma))
-    if not 0 < far.sum() <= max(1, _RARE * len(rows)) or len(rows) < 3 * LEAST:
+    far = _stand_apart(np.abs(left), SANITY.jump * np.maximum(_spread(left), sigma))
+    if (
+        not 0 < far.sum() <= max(1, SANITY.rare * len(rows))
+        or len(rows) < 3 * SANITY.least
+    ):
         return
     yield _name_rows(c, name, rows[np.flatnonzero(far)[np.argsort(-np.abs(left[far]))]])
 
 
-def _stand_apart(size: Array, far: Flags) -> Flags:
-    """Return which far ones of sizes (r,) no smaller one leads up to.
+def _stand_apart(size: Array, limit: Array) -> Flags:
+    """Return which of sizes (r,) are beyond a limit (r,) and no tail of smaller ones.
 
-    A robot's fault that depends on pose or load, such as friction, has a long tail, which
-    fades into the usual readings; what is misread stands apart from all others.
+    A robot's fault that depends on pose or load, such as friction, has a long tail, which fades
+    into the usual readings: as it falls, at least as many are between half the limit and the
+    limit as beyond. What is misread may be of any size, so that few of it are there.
     """
-    while far.any():
-        apart = far & (size > _APART * size[~far].max(initial=0.0))
+    far = size > limit
+    fading = int((~far & (size > 0.5 * limit)).sum()) >= int(far.sum())
+    while fading and far.any():
+        apart = far & (size > SANITY.apart * size[~far].max(initial=0.0))
         if (apart == far).all():
             break
         far = apart
@@ -494,10 +530,8 @@ def _stand_apart(size: Array, far: Flags) -> Flags:
 def _name_rows(c: Campaign, name: str, rows: Indices) -> ReadingRemark:
     """Return a remark on outlying rows."""
     where = tuple(c.where(int(row)) for row in rows)
-    more = f" and {len(where) - SHOWN} more" if len(where) > SHOWN else ""
-    text = (
-        f"{name} is an outlier among its readings at {', '.join(where[:SHOWN])}{more}"
-    )
+    more = f" and {len(where) - SANITY.shown} more" if len(where) > SANITY.shown else ""
+    text = f"{name} is an outlier among its readings at {', '.join(where[: SANITY.shown])}{more}"
     return ReadingRemark("outlier", name, where, text)
 
 

@@ -80,6 +80,7 @@ class ActuatorStiffness(ElementEffect):
                     place,
                     each,
                     odds=1.0 if alone else _UNUSUAL,
+                    guessed=guessed,
                     scale=(size,) * (1 + count),
                     groups=(1, count),
                     bounds=FREE,
@@ -232,7 +233,7 @@ class PreloadLoss(Effect):
     parameters = (
         Parameter("load", "N", 0.5, 0.0, 1.0),
         Parameter("factor", "1", 1.0, 0.05, 20.0),
-        Parameter("start", "1", 1.0, 0.05, 20.0),
+        Parameter("start", "1", 1.0, 0.05, 2.0),  # as of any drive
     )
     bounds = FACTOR
     blames = True

@@ -87,6 +87,9 @@ class Candidate:
     """Prior scale of the internal parameters, derived from the robot; the prior has heavy tails."""
     plausible: tuple[tuple[float, float], ...] = ()
     """Plausible range of each physical parameter."""
+    possible: tuple[tuple[float, float], ...] = ()
+    """Range of each beyond which it is no cause; empty: the plausible one. Between the two, the
+    `sums` are reported in its place."""
     bounds: tuple[float, float] = (-np.inf, np.inf)
     """Computable range of every internal parameter."""
     physical: Callable[[Array], Array] = _keep
@@ -101,6 +104,8 @@ class Candidate:
     """Other effects with the same signature, and their internal parameter over this one's."""
     odds: float = 1.0
     """Factor on the prior odds of this form of the effect."""
+    guessed: bool = False
+    """True if the robot file says that all its values are guesses: that they differ is expected."""
     stated: bool = False
     """True if the prior size is a stated tolerance: a standard uncertainty, without heavy tails."""
     groups: tuple[int, ...] = ()
@@ -194,12 +199,16 @@ class Parameter(NamedTuple):
 
 @dataclass(frozen=True)
 class Payload:
-    """A mass on a body, kg, with first moments (3,), kg·m, about ``at`` (3,), in the home pose."""
+    """A mass on a body, kg, with first moments (3,), kg·m, about ``at`` (3,), in the home pose.
+
+    A constant ``force`` (3,), N, base axes, pulls at the same point, such as that of a cable.
+    """
 
     body: str
     at: Array
     mass: float
     moments: Array
+    force: Array = field(default_factory=lambda: np.zeros(3))
 
 
 class Knee(NamedTuple):
@@ -351,6 +360,8 @@ class Effect:
     """Whether a robot file may contain it."""
     blames: ClassVar[bool] = False
     """Whether it blames its element if it acts on a single one."""
+    linear: ClassVar[bool] = False
+    """Whether its changes are proportional to its internal parameters: steps are taken only once."""
     of_matrix: ClassVar[bool] = False
     """Whether it changes a part's compliance matrix."""
     weighs: ClassVar[bool] = False

@@ -153,6 +153,8 @@ def add_payloads(mechanism: Mechanism, payloads: Sequence[Payload]) -> Mechanism
     """Return the mechanism with the payloads added to its bodies as point masses."""
     bodies = {body.name: body for body in mechanism.bodies}
     for payload in payloads:
+        if not payload.mass and not payload.moments.any():
+            continue  # a pull has no inertia
         name = mechanism.carrier(payload.body)
         body = bodies[name]
         centre = np.zeros(3) if body.centre is None else body.centre

@@ -44,6 +44,7 @@ class Geometry(ElementEffect):
     word = "geometry"
     precedence = 115
     joins_noise = False  # it can fit almost anything
+    linear = True
     parameters = (
         Parameter("offset", "m", 3e-4, 0.0, 1e-2),
         Parameter("angle", "rad", 1e-3, 0.0, 0.05),

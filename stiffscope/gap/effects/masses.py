@@ -30,6 +30,27 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
+class MassSettings:
+    """How large and how far out added masses are."""
+
+    none: float = -1.0
+    """Relative change to a massless body."""
+    heaviest: float = 50.0
+    """Largest relative change that is computed."""
+    compensated: float = 0.5
+    """Usual share of the weight that springs or counterweights carry."""
+    stands_out: float = 0.5
+    """Of the size of a body: how far a mass on it may stand out."""
+    least_size: float = 0.1
+    """Of the size of the robot: the same, of a body whose joints coincide."""
+    least: float = 1e-9
+    """Kg: least mass by which a centre is computed."""
+
+
+MASSES = MassSettings()
+
+
+@dataclass(frozen=True)
 class Gravity(Effect):
     """Weight of the whole robot, without parameters."""
 
@@ -49,8 +70,7 @@ class Gravity(Effect):
         return Influence(weight=True)
 
 
-_NONE = -1.0  # relative change to a massless body
-_HEAVIEST = 50.0
+_ALL = "robot"
 
 
 @dataclass(frozen=True)
@@ -63,15 +83,20 @@ class Mass(Effect):
     adoptable = True
     parameters = (Parameter("factor", "1", 0.2, 0.3, 3.0),)
     conversion = GROWTH
-    bounds = (_NONE, _HEAVIEST)
+    bounds = (MASSES.none, MASSES.heaviest)
     blames = True
 
     stated: tuple[Payload, ...]
     """Masses of the bodies as stated in the robot file."""
+    sense: float = 1.0
+    """Relative change of the masses per internal parameter."""
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
-        """Yield point masses of bodies and sets, within tolerances; none without gravity."""
+        """Yield point masses of bodies and sets, within tolerances; none without gravity.
+
+        Springs or a counterweight may carry a share of the whole robot's weight.
+        """
         robot = setting.robot
         if not robot.mechanism.gravity.any():
             return
@@ -92,13 +117,28 @@ class Mass(Effect):
             yield effect.make_candidate(
                 place, (prior,), bounds=bounds, stated=most < np.inf
             )
+        guessed = [name for name in heavy if stated[name] == np.inf]
+        if len(guessed) == len(heavy) > 1:
+            every = tuple(part for parts in heavy.values() for part in parts)
+            yield cls(every, -1.0).make_candidate(
+                Place(_ALL, tuple(heavy)),
+                (known._replace(size=MASSES.compensated, low=0.0, high=1.0),),
+                bounds=(0.0, 1.0),
+                physical=_leave,
+                internal=_leave,
+            )
 
     def influence(self, values: Array) -> Influence:
         """Return the changes of mass as payloads."""
-        growth = float(values[0])
+        growth = self.sense * float(values[0])
         return Influence(
             payloads=tuple(replace(p, mass=growth * p.mass) for p in self.stated)
         )
+
+
+def _leave(share: Array) -> Array:
+    """Return the share of weight that a compensated share leaves, and the other way round."""
+    return 1.0 - np.asarray(share)
 
 
 def find_masses(robot: NominalRobot) -> dict[str, tuple[Payload, ...]]:
@@ -118,11 +158,6 @@ def find_masses(robot: NominalRobot) -> dict[str, tuple[Payload, ...]]:
             Payload(node, np.array(at), share, np.zeros(3)) for node, at in ends
         )
     return out
-
-
-_STANDS_OUT = 0.5  # of a body's size: how far a mass on it may stand out
-_LEAST_SIZE = 0.1  # of the robot's: the same, of a body whose joints coincide
-_LEAST = 1e-9  # kg: least mass by which a centre is computed
 
 
 @dataclass(frozen=True)
@@ -167,13 +202,16 @@ class AddedMass(Effect):
                 if not known:
                     moments = (mass.size * centre[a].size for a in axes)
                     low, high = find_extent(mechanism, body) - heavy.point
-                    within = (
+                    within = [
                         p._replace(low=float(a), high=float(b))
                         for p, a, b in zip(centre, low, high, strict=True)
-                    )
+                    ]
+                    out = setting.length  # the longest lever of anything mounted on it
+                    beyond = [(p.low - out, p.high + out) for p in within]
                     yield heavy.make_candidate(
                         place,
                         (mass, *within),
+                        possible=((mass.low, mass.high), *beyond),
                         sums=heavy.list_moments(_find_support(mechanism, body)),
                         scale=(mass.size, *moments),
                         couplings=len(axes),
@@ -207,7 +245,7 @@ class AddedMass(Effect):
         out = np.zeros(4)
         out[0] = values[0]
         out[1 + self.axes] = values[1:] / (
-            values[0] if abs(values[0]) > _LEAST else _LEAST
+            values[0] if abs(values[0]) > MASSES.least else MASSES.least
         )
         return out
 
@@ -228,7 +266,7 @@ def find_extent(mechanism: Mechanism, body: Body) -> Array:
     points = points or [np.zeros(3)]
     ends = np.array([np.min(points, axis=0), np.max(points, axis=0)])
     size = float(np.linalg.norm(ends[1] - ends[0]))
-    out = max(_STANDS_OUT * size, _LEAST_SIZE * find_length(mechanism))
+    out = max(MASSES.stands_out * size, MASSES.least_size * find_length(mechanism))
     return ends + np.array([[-out], [out]])
 
 

@@ -12,6 +12,7 @@ from stiffscope.errors import InputError
 from stiffscope.gap.campaign.kinds import MODE_OF, SPARE_MODES_OF
 from stiffscope.gap.effects.elements import add_payloads, change_elements
 from stiffscope.gap.forward import robot_at_poses
+from stiffscope.gap.forward.inner_points import InnerPoint, inner_point, twists_at
 from stiffscope.gap.forward.terminals import (
     find_inertial_forces,
     find_weight,
@@ -53,6 +54,8 @@ class ElasticState:
     at: RobotAtPoses
     changes: tuple[Changes, ...] = ()
     payloads: tuple[Payload, ...] = ()
+    weighs: bool = True
+    """Whether weight acts on the payloads."""
     _nodes: dict[str, Array] = field(default_factory=dict[str, Any], compare=False)
     _wrenches: dict[str, Array] = field(default_factory=dict[str, Any], compare=False)
 
@@ -100,7 +103,11 @@ class ElasticState:
             return self.at.response
         order = find_order(self.mechanism, self.at.configurations.linkage)
         return solve_loads(
-            order, where, self.at.unit_loads(where, self.mechanism, self.payloads)
+            order,
+            where,
+            self.at.unit_loads(
+                where, self.mechanism, self.payloads, weighs=self.weighs
+            ),
         )
 
     @cached_property
@@ -157,14 +164,20 @@ class ElasticState:
             return back @ self._node(FOOT if node == GROUND else node)
 
         across = motion(sensor.body)
+        inner = inner_point(self.mechanism, sensor)
+        if inner is not None:
+            bent = inner.spread(where) @ (
+                self._node(inner.tip) - self._node(inner.base)
+            )
+            across = across + twists_at(where, inner.base, np.array(sensor.at)) @ bent
         if sensor.against != GROUND:
             across = across - motion(sensor.against)
         return self._at_every_pose(across)
 
-    def weights(self, payloads: Sequence[Payload]) -> Array:
-        """Return the wrenches (p or 1, 6, k) of payloads' weights, at M in base axes."""
+    def weights(self, payloads: Sequence[Payload], *, weighs: bool) -> Array:
+        """Return the wrenches (p or 1, 6, k) of payloads' weights and pulls, at M in base axes."""
         where = self.places
-        gravity = self.at.mechanism.gravity
+        gravity = float(weighs) * self.at.mechanism.gravity
         return np.stack(
             [find_weight(payload, where, gravity) for payload in payloads], axis=2
         )
@@ -325,6 +338,9 @@ def measure_motion(
     sensor = campaign.sensors[number]
     body = FOOT if sensor.body == GROUND else sensor.body
     across = _go(there, rest, body, np.array(sensor.at))
+    inner = inner_point(mechanism, sensor)
+    if inner is not None:
+        across = across + _go_within(there, rest, inner, np.array(sensor.at))
     if sensor.against == GROUND:
         return across
     point = rest.point(body, np.array(sensor.at))  # carried by the sensor's mount
@@ -340,6 +356,15 @@ def _go(there: Places, rest: Places, node: str, home: Array) -> Array:
     away = there.point(node, home) - rest.point(node, home)
     turn = there.rotation[node] @ np.swapaxes(rest.rotation[node], -1, -2)
     return _join(away, rotation_vector(turn))
+
+
+def _go_within(there: Places, rest: Places, inner: InnerPoint, home: Array) -> Array:
+    """Return what displaced ends of an elastic body add (n, 6) to a point (3,) between them."""
+    end = inner.elastic.tip
+    moved = _go(there, rest, inner.tip, end) - _go(there, rest, inner.base, end)
+    at_m = np.linalg.solve(twists_at(rest, inner.tip, end), moved[..., None])
+    at_point = twists_at(rest, inner.base, home)
+    return (at_point @ inner.spread(rest) @ at_m)[..., 0]
 
 
 def _join(shift: Array, turn: Array) -> Array:

@@ -122,8 +122,13 @@ class ForwardModel(Protocol):
         """Return the model with other faults of instruments that a prediction shows, if any."""
         ...
 
-    def find_equilibria(self, parameters: Parameters) -> ForwardModel | None:
-        """Return the model at the equilibria reached with these effects, if readings show them."""
+    def find_equilibria(
+        self, parameters: Parameters, rest: Array | None = None
+    ) -> ForwardModel | None:
+        """Return the model at the equilibria reached with these effects, if readings show them.
+
+        rest: what the effects leave (n,), which must be of the size of the difference.
+        """
         ...
 
     def noise(self) -> Noise:

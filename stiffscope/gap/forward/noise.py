@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, cast
 
@@ -19,29 +19,48 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array, Flags, Indices
 
 
-OUTLYING = 6.0  # robust standard deviations
-PASSES = 6
-LOOSE = 3.0  # prior size of parameters in the joint fit over their own
-OVERSTATED = (
-    0.8  # ratio of observed to stated noise below which the latter is scaled down
-)
-LARGEST = 1000  # most readings used for the initial guess of unknown noise
-FRACTIONS = np.geomspace(1e-5, 2.0, 80)  # candidate ratios of noise to gap
+@dataclass(frozen=True)
+class NoiseSettings:
+    """How the noise of readings is estimated, and what is an outlier."""
+
+    outlying: float = 6.0
+    """Robust standard deviations beyond which a reading is a gross outlier."""
+    passes: int = 6
+    """Of the joint fit, each with less weight on what stood out: it has settled by then."""
+    loose: float = 3.0
+    """Prior size of parameters in the joint fit over their own: a large effect is no noise."""
+    overstated: float = 0.8
+    """Ratio of observed to stated noise below which the latter is scaled down."""
+    largest: int = 1000
+    """Most readings used for the first guess of unknown noise: a matrix of their square is
+    decomposed."""
+    fractions: Array = field(default_factory=lambda: np.geomspace(1e-5, 2.0, 80))
+    """Candidate ratios (80,) of noise to gap."""
+    least_free: float = 1e-6
+    """Least share of the variance of a reading that a joint fit leaves: rounding."""
+    alike: float = 4.0
+    """Readings as which it counts that noise is alike in a unit, and in all."""
+    usual: float = 0.01
+    """Usual noise over the gap,"""
+    within: float = 2.0
+    """and its standard deviation in logarithms."""
+    told: float = 3.0
+    """Least degrees of freedom that tell the noise."""
+    sure: int = 10
+    """Readings beyond the columns of all effects below which noise is found with the effects."""
+    rank: float = 1e-6
+    """Of the largest singular value: a column that readings show."""
+    unsure: Array = field(default_factory=lambda: np.geomspace(0.3, 10.0, 24))
+    """Factors (24,) on the first estimate, which all effects share and so take from the noise."""
+    efficiency: float = 0.5
+    """Of the robust scatter: share of the degrees of freedom that it uses."""
+    most: float = 0.4
+    """Of the readings: degrees of freedom of all effects beyond which some give way."""
+    enough: float = 0.5
+    """Of the readings: beyond, a joint fit of all effects shows no outliers."""
 
 
-_LEAST_FREE = 1e-6  # least share of a reading's variance that a joint fit leaves
-_ALIKE = 4.0  # readings as which it counts that noise is alike in a unit, and in all
-_USUAL = 0.01
-_WITHIN = 2.0  # noise over the gap, and its standard deviation in logarithms
-_TOLD = 3.0  # least degrees of freedom that tell the noise
-_SURE = 10  # readings beyond all effects' columns below which noise is estimated with the effects
-_RANK = 1e-6  # of the largest singular value: a column that readings show
-UNSURE = np.geomspace(
-    0.3, 10.0, 24
-)  # factors on the first estimate, which all effects share
-_EFFICIENCY = 0.5  # of the robust scatter: share of the degrees of freedom that it uses
-_MOST = 0.4  # of the readings: degrees of freedom beyond which axes give way
-_ENOUGH = 0.5  # of the readings: beyond, a joint fit of all effects shows no outliers
+NOISE = NoiseSettings()
 
 
 @dataclass(frozen=True)
@@ -87,34 +106,34 @@ def noise_of(model: ForwardModel) -> Noise:
         guess = _first_guess(campaign, gap, x, np.flatnonzero(once))
         sigma = np.where(unknown, guess, campaign.sigma)
         freedom = _count_freedom(x / sigma[:, None])
-        if freedom <= _MOST * len(gap):
+        if freedom <= NOISE.most * len(gap):
             break
     none = np.zeros(len(gap), dtype=np.bool_)
     noise = Noise(sigma, once, none, np.ones(1))
-    if freedom > _ENOUGH * len(gap) and not unknown.any():
+    if freedom > NOISE.enough * len(gap) and not unknown.any():
         count = f"{len(gap)} readings for {freedom:.0f} unknowns of the possible causes"
         return replace(noise, remarks=(f"{count}: outliers were not sought",))
     fit = _Fit(np.zeros(len(gap)), np.ones(len(gap)))
-    columns = _Columns(LOOSE * x / sigma[:, None])
-    for _ in range(PASSES):
+    columns = _Columns(NOISE.loose * x / sigma[:, None])
+    for _ in range(NOISE.passes):
         fit = _joint_fit(columns, gap / noise.sigma, noise.used, fit)
         before = noise.sigma
         noise, fit = _judge_noise(campaign, noise, fit, once)
         if not np.array_equal(before, noise.sigma):
-            columns = _Columns(LOOSE * x / noise.sigma[:, None])
+            columns = _Columns(NOISE.loose * x / noise.sigma[:, None])
     if unknown.any():
         noise = _limit_to_scatter(campaign, noise, unknown, once)
     one_pose = len(campaign.pose_names) == 1
-    if noise.freedom < _TOLD or (unknown.any() and one_pose and not noise.remarks):
+    if noise.freedom < NOISE.told or (unknown.any() and one_pose and not noise.remarks):
         remark = f"{len(gap)} readings do not tell their noise, which is guessed: state sigma"
         if not unknown.all():
-            return Noise(sigma, once, none, np.ones(1), (remark,), _TOLD)
-        return Noise(sigma, once, unknown, UNSURE, (remark,), _TOLD)
+            return Noise(sigma, once, none, np.ones(1), (remark,), NOISE.told)
+        return Noise(sigma, once, unknown, NOISE.unsure, (remark,), NOISE.told)
     free = int(once.sum()) - _count_independent(columns.values[once])
-    if unknown.all() and free < _SURE and not noise.remarks:
+    if unknown.all() and free < NOISE.sure and not noise.remarks:
         remark = f"{len(gap)} readings tell little of their noise: state sigma"
         remarks = (*noise.remarks, remark)
-        return replace(noise, scaled=unknown, factors=UNSURE, remarks=remarks)
+        return replace(noise, scaled=unknown, factors=NOISE.unsure, remarks=remarks)
     return _add_remarks(campaign, noise, fit, once)
 
 
@@ -130,7 +149,7 @@ def _count_freedom(columns: Array) -> float:
     in the library does not count.
     """
     small = columns if columns.shape[1] < len(columns) else columns.T
-    size = np.linalg.eigvalsh(LOOSE**2 * small.T @ small).clip(min=0.0)
+    size = np.linalg.eigvalsh(NOISE.loose**2 * small.T @ small).clip(min=0.0)
     return float(np.sum(size / (size + 1.0)))
 
 
@@ -150,17 +169,19 @@ def _first_guess(c: Campaign, gap: Array, x: Array, rows: Indices) -> Array:
     )
     some = rows[
         np.unique(
-            np.linspace(0, len(rows) - 1, min(len(rows), LARGEST)).astype(np.int64)
+            np.linspace(0, len(rows) - 1, min(len(rows), NOISE.largest)).astype(
+                np.int64
+            )
         )
     ]
     a = x[some] / unit[some, None]
     y = gap[some] / unit[some]
     values, vectors = np.linalg.eigh(a @ a.T)
     q = vectors.T @ y
-    spread = values.clip(min=0.0)[:, None] + FRACTIONS**2
+    spread = values.clip(min=0.0)[:, None] + NOISE.fractions**2
     likelihood = -0.5 * np.sum(q[:, None] ** 2 / spread + np.log(spread), axis=0)
-    usual = -0.5 * (np.log(FRACTIONS / _USUAL) / _WITHIN) ** 2
-    return unit * FRACTIONS[int(np.argmax(likelihood + usual))]
+    usual = -0.5 * (np.log(NOISE.fractions / NOISE.usual) / NOISE.within) ** 2
+    return unit * NOISE.fractions[int(np.argmax(likelihood + usual))]
 
 
 def _joint_fit(columns: _Columns, y: Array, used: Flags, before: _Fit) -> _Fit:
@@ -173,7 +194,7 @@ def _joint_fit(columns: _Columns, y: Array, used: Flags, before: _Fit) -> _Fit:
     )  # their prior has unit size
     residual = y - turned @ (turned.T @ (weight * y))
     return _Fit(
-        residual, (1.0 - weight * np.sum(turned**2, axis=1)).clip(min=_LEAST_FREE)
+        residual, (1.0 - weight * np.sum(turned**2, axis=1)).clip(min=NOISE.least_free)
     )
 
 
@@ -205,12 +226,12 @@ def _judge_noise(
     for groups in (unit, like):
         count = np.bincount(groups, free)
         total = np.bincount(groups, free * share)
-        usual = (total[groups] + _ALIKE * usual) / (count[groups] + _ALIKE)
+        usual = (total[groups] + NOISE.alike * usual) / (count[groups] + NOISE.alike)
     scatter = np.where(unknown, np.exp(usual) * size / noise.sigma, scatter)
     residual = np.where(unknown, residual / scatter, fit.residual)
-    used = once & (np.abs(residual) < OUTLYING * np.where(unknown, 1.0, scatter))
+    used = once & (np.abs(residual) < NOISE.outlying * np.where(unknown, 1.0, scatter))
     sigma = np.where(unknown, noise.sigma * scatter, noise.sigma)
-    freedom = _EFFICIENCY * float(free[unknown].sum()) if unknown.any() else np.inf
+    freedom = NOISE.efficiency * float(free[unknown].sum()) if unknown.any() else np.inf
     return replace(noise, sigma=sigma, used=used, freedom=freedom), replace(
         fit, residual=residual
     )
@@ -227,7 +248,7 @@ def _count_independent(columns: Array) -> int:
     unit = columns[:, length > 0.0] / length[length > 0.0]
     if not unit.size:
         return 0
-    return int(np.linalg.matrix_rank(unit, tol=_RANK * np.sqrt(unit.shape[1])))
+    return int(np.linalg.matrix_rank(unit, tol=NOISE.rank * np.sqrt(unit.shape[1])))
 
 
 def _limit_to_scatter(c: Campaign, noise: Noise, unknown: Flags, once: Flags) -> Noise:
@@ -263,7 +284,7 @@ def _add_remarks(c: Campaign, noise: Noise, fit: _Fit, once: Flags) -> Noise:
     remarks = list(noise.remarks)
     if known.any():
         ratio = _scatter((fit.residual / np.sqrt(fit.free))[known & noise.used])
-        if ratio < OVERSTATED:
+        if ratio < NOISE.overstated:
             sigma = np.where(known, ratio * sigma, sigma)
             times = f"{1 / ratio:.2g} times the observed scatter"
             remarks.append(f"uncertainties {times} were scaled down")

@@ -146,7 +146,8 @@ def _play_of(at: RobotAtPoses) -> Iterator[Candidate]:
             f"play at {place}", (1e-5,) * 2, Pattern(partial(_play, axes)), "play"
         )
         held = f"motion held back at {place}"
-        yield replace(play, like="backlash", spell=partial(_spell, play.place, held))
+        spell = partial(_spell, play.place, held)
+        yield replace(play, like="backlash", members=tuple(axes), spell=spell)
 
 
 def _spell(grown: str, shrunk: str, values: Array) -> str:
@@ -179,7 +180,8 @@ def _stiffening_of(nominal: RobotReadings) -> Iterator[Candidate]:
         curve = _make_unnamed(
             f"stiffening at {place}", (1e-5,) * 2, stiffening, "stiffening"
         )
-        yield replace(curve, spell=partial(_spell_curve, place, size))
+        spell = partial(_spell_curve, place, size)
+        yield replace(curve, members=tuple(axes), spell=spell)
 
 
 def _places(
@@ -211,9 +213,16 @@ def _make_unnamed(
 ) -> Candidate:
     names = tuple(f"p{k + 1}" for k in range(len(scale)))
     count = len(scale)
-    own = names, ("",) * count, scale, (FREE,) * count
     return Candidate(
-        UNNAMED, place, *own, pattern=kind or place, imitates=True, action=action
+        effect=UNNAMED,
+        place=place,
+        names=names,
+        units=("",) * count,
+        scale=scale,
+        plausible=(FREE,) * count,
+        pattern=kind or place,
+        imitates=True,
+        action=action,
     )
 
 

@@ -20,6 +20,7 @@ from stiffscope.gap.campaign.kinds.kind import NO_MODE
 from stiffscope.gap.campaign.quantities import AXES, JOINT
 from stiffscope.gap.effects.effect import find_length
 from stiffscope.gap.effects.elements import along_drive, without_ranges
+from stiffscope.gap.forward.inner_points import inner_point
 from stiffscope.gap.forward.setup import Instruments
 from stiffscope.gap.forward.terminals import find_weight, unit_wrenches, wrenches_at
 from stiffscope.vjm.elements.laws import find_laws, without_laws
@@ -41,10 +42,11 @@ from stiffscope.vjm.statics.equilibrium import solve_condensed, solve_loads
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.gap.campaign.campaign import Campaign, Sensor
     from stiffscope.gap.campaign.kinds.kind import Predictor
-    from stiffscope.gap.effects.effect import Payload
+    from stiffscope.gap.effects.effect import Effect, Payload
     from stiffscope.gap.forward.setup import Setup
+    from stiffscope.gap.forward.slopes import Steps
     from stiffscope.robot.nominal import NominalRobot
     from stiffscope.runtime.types import Array, Flags, Indices
     from stiffscope.vjm.kinematics.configurations import Configurations
@@ -104,6 +106,11 @@ class RobotAtPoses:
 
     @cached_property
     def _cuts(self) -> dict[str, Response]:
+        return {}
+
+    @cached_property
+    def linear_steps(self) -> dict[int, tuple[Effect, Steps]]:
+        """Steps of linear effects, by their ids."""
         return {}
 
     @cached_property
@@ -293,7 +300,12 @@ class RobotAtPoses:
         return True
 
     def unit_loads(
-        self, where: Places, mechanism: Mechanism, payloads: Sequence[Payload]
+        self,
+        where: Places,
+        mechanism: Mechanism,
+        payloads: Sequence[Payload],
+        *,
+        weighs: bool = True,
     ) -> Loads:
         """Return all terminals as loads (n or 1, 6, cases) on nodes, at M in base axes."""
         c = self.campaign
@@ -315,9 +327,8 @@ class RobotAtPoses:
             if self.sensor_cases(k) in [self.sensor_cases(j) for j in range(k)]:
                 continue  # another channel of one target
             push = wrenches_at(where, sensor.body, sensor.at) @ unit_wrenches(sensor)
-            add(sensor.body, push, self.sensor_cases(k))
-            if sensor.against != GROUND:
-                add(sensor.against, -push, self.sensor_cases(k))
+            for node, wrench in _share_out(where, mechanism, sensor, push):
+                add(node, wrench, self.sensor_cases(k))
         per_unit = mechanism.gravity / (self.robot.acceleration or np.inf)
         for node, mass in (
             lump_masses(mechanism, where).items() if per_unit.any() else ()
@@ -326,7 +337,7 @@ class RobotAtPoses:
         for payload in payloads:
             add(
                 payload.body,
-                find_weight(payload, where, mechanism.gravity),
+                find_weight(payload, where, float(weighs) * mechanism.gravity),
                 self.weight_case + 1,
             )
         for wrench in nodes.values():
@@ -369,3 +380,15 @@ def configure_robot(
         return configure(mechanism, poses)
     order = [list(names).index(f"{JOINT}{joint.name}") for joint in mechanism.drives]
     return configure_drives(mechanism, poses[:, order])
+
+
+def _share_out(
+    where: Places, mechanism: Mechanism, sensor: Sensor, push: Array
+) -> list[tuple[str, Array]]:
+    """Return the wrenches (n or 1, 6, k) at M on nodes that do the work of a push at a sensor from its mount."""
+    mount = [(sensor.against, -push)] if sensor.against != GROUND else []
+    inner = inner_point(mechanism, sensor)
+    if inner is None:
+        return [(sensor.body, push), *mount]
+    on_tip = np.swapaxes(inner.spread(where), -1, -2) @ push
+    return [(inner.base, push - on_tip), (inner.tip, on_tip), *mount]

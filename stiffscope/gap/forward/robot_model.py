@@ -126,12 +126,17 @@ class RobotModel:
         )
         return None if both.key == before.key else replace(self, doubts=both)
 
-    def find_equilibria(self, parameters: Parameters) -> RobotModel | None:
-        """Return the model at the equilibria reached; None where first order is as good, or is so already."""
+    def find_equilibria(
+        self, parameters: Parameters, rest: Array | None = None
+    ) -> RobotModel | None:
+        """Return the model at the equilibria reached; None where first order is as good, or is so already.
+
+        rest: what the effects leave (n,), in the readings' units, if it must be of that size.
+        """
         if self.exact:
             return None
         predictions = (self.predict(), self.predict(parameters))
-        shown = any(each.shows_second_order for each in predictions)
+        shown = any(each.shows_second_order(rest) for each in predictions)
         return replace(self, exact=True) if shown else None
 
     def _is_suspect(self, part: str) -> bool:

@@ -12,7 +12,7 @@ from stiffscope.gap.campaign.columns import swap_columns
 from stiffscope.gap.effects.effect import Effect, Influence
 from stiffscope.gap.effects.instruments import SensorStep
 from stiffscope.gap.forward.robot_readings import RobotReadings
-from stiffscope.gap.forward.slopes import find_slopes
+from stiffscope.gap.forward.slopes import Steps, find_slopes
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -104,20 +104,23 @@ class RobotPrediction(RobotReadings):
         return {}
 
     def _derivatives(self, candidate: Candidate) -> Array:
-        act: Callable[[Array], Influence] = candidate.action.influence
-        key = candidate.name, len(candidate.scale)
-        known = (
-            values for c, values in self.parameters if (c.name, len(values)) == key
-        )
-        here = np.array(next(known, np.zeros(key[1])))
-        steps = _STEP * np.diag(candidate.scale)
-        here = here + 2.0 * (
-            steps @ np.array(candidate.one_sided, dtype=float)
-        )  # within range
-        pairs = [
-            (act(here + step), act(here - step), 2.0 * step.sum()) for step in steps
-        ]
-        return find_slopes(self, pairs)
+        return find_slopes(self, self._find_steps(candidate))
+
+    def _find_steps(self, candidate: Candidate) -> Steps:
+        """Return small steps of a candidate's parameters; those of a linear effect are kept."""
+        action: Effect = candidate.action
+        sizes = _STEP * np.array(candidate.scale)
+        if not action.linear:
+            key = candidate.name, len(candidate.scale)
+            known = (v for c, v in self.parameters if (c.name, len(v)) == key)
+            here = np.array(next(known, np.zeros(len(sizes))))
+            within = here + 2.0 * sizes * candidate.one_sided  # its range
+            return Steps.of(action, within, sizes)
+        kept = self.at.linear_steps
+        if id(action) not in kept:
+            # holding the action keeps its id its own
+            kept[id(action)] = action, Steps.of(action, 0.0 * sizes, sizes)
+        return kept[id(action)][1]
 
     def step(self, candidate: Candidate) -> Array:
         """Return the change (n,) by a candidate without parameters: weight, unit or sign."""

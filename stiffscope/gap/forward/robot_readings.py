@@ -80,7 +80,7 @@ class RobotReadings(InstrumentReadings):
             payload for each in self.influences for payload in each.payloads
         )
         return (
-            ElasticState(self.at, changes, payloads)
+            ElasticState(self.at, changes, payloads, weighs=self.weighs)
             if changes or payloads
             else self.sound
         )
@@ -164,10 +164,12 @@ class RobotReadings(InstrumentReadings):
             linear[mine] = self._motion(k, mine)
         return linear + find_second_order(self, linear) if self.exact else linear
 
-    @cached_property
-    def shows_second_order(self) -> bool:
-        """Whether readings would show the difference of equilibrium and first order."""
-        return shows_second_order(self, self.twist)
+    def shows_second_order(self, rest: Array | None) -> bool:
+        """Return whether readings would show the difference of equilibrium and first order.
+
+        rest: what first order leaves (n,), of which it must be a part that counts; None: anything.
+        """
+        return shows_second_order(self, self.twist, rest)
 
     @cached_property
     def length(self) -> float:
@@ -387,7 +389,7 @@ class RobotReadings(InstrumentReadings):
     def rest_loads(self) -> Array:
         """Permanent terminal loads (cases,)."""
         out = np.zeros(self.at.cases)
-        out[self.at.weight_case :] = self.gravity, float(self.weighs)
+        out[self.at.weight_case :] = self.gravity, 1.0
         return out
 
     def drive_force(self, drive: str) -> Array:

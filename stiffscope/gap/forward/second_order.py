@@ -35,6 +35,9 @@ class SecondOrderSettings:
     visible: float = 1.0
     """Standard deviations: largest estimated second order of a campaign's readings beyond which
     equilibria are found; below, it adds less than `lack_of_fit.MODEL_NOISE` allows to the noise."""
+    comparable: float = 0.1
+    """Rms of that estimate over the rest that first order leaves, below which another cause leaves
+    it; equilibria would take ten times as long and leave the rest as it is."""
     slight: float = 0.1
     """Standard deviations: estimate below which a single reading is left at first order; it adds
     half a percent to the reading's scatter."""
@@ -71,9 +74,20 @@ def find_second_order(readings: RobotReadings, linear: Array) -> Array:
     return out
 
 
-def shows_second_order(readings: RobotReadings, motions: Array) -> bool:
-    """Return whether readings would show the second order of motions (n, 6)."""
-    return bool(_estimate(readings, motions).max(initial=0.0) > SETTINGS.visible)
+def shows_second_order(
+    readings: RobotReadings, motions: Array, rest: Array | None = None
+) -> bool:
+    """Return whether readings would show the second order of motions (n, 6), and a rest may be that.
+
+    rest: what first order leaves (n,), in the readings' units; None: anything.
+    """
+    estimate = _estimate(readings, motions)
+    if not estimate.max(initial=0.0) > SETTINGS.visible:
+        return False
+    if rest is None:
+        return True
+    left = float(np.linalg.norm(rest / readings.expected_noise))
+    return float(np.linalg.norm(estimate)) >= SETTINGS.comparable * left
 
 
 def _estimate(readings: RobotReadings, linear: Array) -> Array:
@@ -163,8 +177,9 @@ class _Equilibria:
             gravity = mechanism.gravity
             for node, mass in lump_masses(mechanism, where).items():
                 add(node, mass.weight(gravity))
-            for payload in r.elastic_state.payloads:
-                add(payload.body, find_weight(payload, where, gravity)[..., None])
+        weight = float(r.weighs) * mechanism.gravity
+        for payload in r.elastic_state.payloads:
+            add(payload.body, find_weight(payload, where, weight)[..., None])
         return nodes
 
     @property

@@ -6,6 +6,8 @@ unloaded end by ``(W a) · t``, and a load by its work along the sensed motion (
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -18,9 +20,7 @@ from stiffscope.vjm.model.screws import skew
 from stiffscope.vjm.network.network import FOOT
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from stiffscope.gap.effects.effect import Influence
+    from stiffscope.gap.effects.effect import Effect, Influence
     from stiffscope.gap.forward.robot_readings import RobotReadings
     from stiffscope.runtime.types import Array, Indices
 
@@ -28,9 +28,61 @@ if TYPE_CHECKING:
 
 _SIGNS = numbers_by_code(lambda kind: kind.gain_sign)
 _FORCE_SIGNS = numbers_by_code(lambda kind: kind.force_sign)
+_FIELDS = ("spring", "compliance", "offset", "astray")
+_UNCHANGED = np.zeros(0, dtype=np.int64), np.zeros(0)
 
 
-def find_slopes(prediction: RobotReadings, steps: Sequence[Step]) -> Array:
+@dataclass(frozen=True)
+class Steps:
+    """An effect's changes by small steps of each of its k parameters, ahead and behind."""
+
+    each: tuple[Step, ...]
+    """For each parameter: the changes ahead and behind, and their distance."""
+
+    @classmethod
+    def of(cls, action: Effect, here: Array, sizes: Array) -> Steps:
+        """Return those of an effect from its internal parameters (k,), by steps (k,)."""
+        steps = np.diag(sizes)
+        return cls(
+            tuple(
+                (action.influence(here + step), action.influence(here - step), width)
+                for step, width in zip(steps, 2.0 * sizes, strict=True)
+            )
+        )
+
+    @property
+    def elements(self) -> tuple[str, ...]:
+        """Names of the changed elements."""
+        return tuple(dict.fromkeys(name for name, _ in self._rates))
+
+    def find_rates(self, name: str, field: str) -> tuple[Indices, Array]:
+        """Return the parameters (m,) that change a field of an element, and derivatives (m, ...)."""
+        return self._rates.get((name, field), _UNCHANGED)
+
+    @cached_property
+    def _rates(self) -> dict[tuple[str, str], tuple[Indices, Array]]:
+        found: dict[tuple[str, str], list[tuple[int, Array, Array, float]]] = {}
+        for k, (ahead, behind, width) in enumerate(self.each):
+            for name, more in ahead.elements.items():
+                less = behind.elements[name]
+                for field in _FIELDS:
+                    values = getattr(more, field), getattr(less, field)
+                    if values[0] is not None and values[1] is not None:
+                        found.setdefault((name, field), []).append((k, *values, width))
+        out: dict[tuple[str, str], tuple[Indices, Array]] = {}
+        for key, rows in found.items():
+            numbers, ahead, behind, width = (
+                np.array(column) for column in zip(*rows, strict=True)
+            )
+            away = ahead - behind
+            rates = away / width.reshape(-1, *(1,) * (away.ndim - 1))
+            kept = rates.reshape(len(rates), -1).any(axis=1)
+            if kept.any():
+                out[key] = numbers[kept], rates[kept]
+        return out
+
+
+def find_slopes(prediction: RobotReadings, steps: Steps) -> Array:
     """Return the derivatives (n, k) of readings with respect to k parameters of one effect.
 
     Parameters
@@ -38,10 +90,10 @@ def find_slopes(prediction: RobotReadings, steps: Sequence[Step]) -> Array:
     prediction
         The robot with its effects.
     steps
-        For each parameter: the effect's changes a step ahead and behind, and their distance.
+        The effect's changes by small steps of its parameters.
     """
     out = _of_elements(prediction, steps)
-    for k, step in enumerate(steps):
+    for k, step in enumerate(steps.each):
         out[:, k] += _of_others(prediction, step)
     return out
 
@@ -54,7 +106,9 @@ def _of_others(prediction: RobotReadings, step: Step) -> Array:
     for more, less in zip(ahead.payloads, behind.payloads, strict=True):
         mass = (more.mass - less.mass) / width
         moments = (more.moments - less.moments) / width
-        out += _of_payload(prediction, Payload(more.body, more.at, mass, moments))
+        force = (more.force - less.force) / width
+        rate = Payload(more.body, more.at, mass, moments, force)
+        out += _of_payload(prediction, rate)
     for drive, size in ahead.dead_zones.items():
         out += (size - behind.dead_zones[drive]) / width * prediction.dead_zone(drive)
     for drive, knee in ahead.knees.items():
@@ -98,13 +152,13 @@ def _of_others(prediction: RobotReadings, step: Step) -> Array:
     return out
 
 
-def _of_elements(prediction: RobotReadings, steps: Sequence[Step]) -> Array:
+def _of_elements(prediction: RobotReadings, steps: Steps) -> Array:
     """Return derivatives (n, k) from the wrenches in the changed elements."""
     c = prediction.campaign
-    out = np.zeros((len(c), len(steps)))
+    out = np.zeros((len(c), len(steps.each)))
     still = np.where(c.shows_rest, 1.0, 0.0)[:, None]
-    for name in dict.fromkeys(name for ahead, _, _ in steps for name in ahead.elements):
-        mine, rates = _find_rates(steps, name, "spring")
+    for name in steps.elements:
+        mine, rates = steps.find_rates(name, "spring")
         if len(mine):
             read_along, moved = prediction.find_motions(name)
             away = prediction.at.find_displacement(name)[c.pose]
@@ -113,17 +167,17 @@ def _of_elements(prediction: RobotReadings, steps: Sequence[Step]) -> Array:
             )
             continue
         read, applied = prediction.find_wrenches(name)
-        mine, rates = _find_rates(steps, name, "compliance")
+        mine, rates = steps.find_rates(name, "compliance")
         if len(mine):
             applied = _relieve(prediction, name, applied)
             work = (read[:, :, None] * applied[:, None, :]).reshape(len(c), -1)
             out[:, mine] += work @ rates.reshape(len(mine), -1).T
-        mine, rates = _find_rates(steps, name, "offset")
+        mine, rates = steps.find_rates(name, "offset")
         if len(mine):
             out[:, mine] += still * read @ rates.T
             if name == TOOL:
                 out[:, mine] += _of_shifted_tool(prediction, rates)
-        mine, rates = _find_rates(steps, name, "astray")
+        mine, rates = steps.find_rates(name, "astray")
         if len(mine):
             turned = read[:, None] @ _turn_about(prediction, name)[c.pose]
             out[:, mine] += still * turned[:, 0] @ rates.T
@@ -159,25 +213,6 @@ def _of_shifted_tool(prediction: RobotReadings, shifts: Array) -> Array:
     return out
 
 
-def _find_rates(steps: Sequence[Step], name: str, field: str) -> tuple[Indices, Array]:
-    """Return the parameters (m,) that change a field of an element, and derivatives (m, ...)."""
-    rates: dict[int, Array] = {}
-    for k, (ahead, behind, width) in enumerate(steps):
-        if name in ahead.elements:
-            more, less = (
-                getattr(each.elements[name], field) for each in (ahead, behind)
-            )
-            if more is not None and less is not None:
-                rates[k] = (more - less) / width
-    found = np.array(list(rates.values()))
-    kept = (
-        found.reshape(len(rates), -1).any(axis=1)
-        if rates
-        else np.zeros(0, dtype=np.bool_)
-    )
-    return np.array(list(rates), dtype=np.int64)[kept], found[kept]
-
-
 def _turn_about(prediction: RobotReadings, name: str) -> Array:
     """Return twists (p, 6, 6) between a joint's unloaded ends, own axes, per twist of its axis.
 
@@ -202,11 +237,9 @@ def _of_payload(prediction: RobotReadings, payload: Payload) -> Array:
     """Return derivatives (n,) by a payload's weight, and by its inertia for frequencies."""
     c = prediction.campaign
     elastic = prediction.elastic_state
-    along = elastic.work_on_node(payload.body, elastic.weights([payload]))[
-        ..., 0
-    ]  # (p, cases)
+    weight = elastic.weights([payload], weighs=prediction.weighs)
+    along = elastic.work_on_node(payload.body, weight)[..., 0]  # (p, cases)
     work = np.einsum("nc,nc->n", prediction.sense, along[c.pose])
-    work = work if prediction.weighs else 0.0 * work
     return prediction.ask(
         lambda predictor, rows: predictor.load(prediction, rows, payload, work[rows])
     )

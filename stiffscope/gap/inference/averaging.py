@@ -15,9 +15,9 @@ import numpy as np
 from scipy.special import log_ndtr, ndtr, ndtri_exp  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 from stiffscope.gap.inference.evidence import posterior
-from stiffscope.gap.inference.findings import COMPETING
 from stiffscope.gap.inference.hypothesis import positive_of, split
 from stiffscope.gap.inference.plausibility import find_plausible
+from stiffscope.gap.inference.settings import GROUPS
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -39,7 +39,7 @@ def average_over(
 ) -> Averaged:
     """Return hypotheses with weights that sum to 1, over which parameters are averaged.
 
-    They contain the named effects in any form, and have at least `COMPETING` of the best one's
+    They contain the named effects in any form, and have at least `GROUPS.competing` of the best one's
     evidence. One in which some parameters are zero is also taken with none of them zero.
 
     Parameters
@@ -60,7 +60,7 @@ def average_over(
         if known <= {(c.name, c.names) for c in h.candidates}
     ]
     best = max(h.evidence for h in able)
-    close = [h for h in able if h.evidence > best + np.log(COMPETING)]
+    close = [h for h in able if h.evidence > best + np.log(GROUPS.competing)]
     close += [dense for h in close if (dense := _without_zeros(found.problem, h))]
     weights = np.exp([h.evidence - best for h in close])
     return list(zip(close, (weights / weights.sum()).tolist(), strict=True))

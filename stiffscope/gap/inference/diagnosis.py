@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Parameter:
-    """A fitted parameter with its standard uncertainty, SI."""
+    """A fitted parameter with its standard uncertainty, SI; NaN where readings do not determine it."""
 
     value: float
     sigma: float

@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from scipy.special import erfc, erfcx  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
+from stiffscope.gap.inference.settings import EVIDENCE
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
@@ -20,13 +22,6 @@ if TYPE_CHECKING:
     from stiffscope.gap.forward.forward_model import Noise
     from stiffscope.gap.inference.priors import Spreads
     from stiffscope.runtime.types import Array, Flags, Indices
-
-
-DISCREPANCIES = np.geomspace(1e-3, 0.1, 5)  # sizes relative to the readings
-_PARALLEL = 1e-12  # relative squared length below which features of a group coincide
-_ROUNDING = 1e-12  # relative regularization of inner products
-_SWEEPS = 2  # over the effects, to choose prior scales
-_NEGLIGIBLE = 1e-9  # probability ignored in covariances
 
 
 @dataclass(frozen=True)
@@ -132,9 +127,9 @@ def errors_of(campaign: Campaign, noise: Noise, log_odds: float) -> Errors:
         )
         return Errors(noise, *none, factors, np.zeros(len(factors)), weight)
     group, shape, norms = _features(campaign, noise)
-    sizes = np.concatenate([[0.0], DISCREPANCIES])
+    sizes = np.concatenate([[0.0], EVIDENCE.discrepancies])
     volume = -0.5 * np.log1p(sizes[:, None] ** 2 * norms).sum(axis=1)
-    prior = np.where(sizes > 0.0, log_odds - np.log(len(DISCREPANCIES)), 0.0)
+    prior = np.where(sizes > 0.0, log_odds - np.log(len(EVIDENCE.discrepancies)), 0.0)
     return Errors(
         noise=noise,
         group=group,
@@ -172,7 +167,7 @@ def _features(c: Campaign, noise: Noise) -> tuple[Indices, Array, Array]:
     gram = np.zeros((count, 2, 2))
     np.add.at(gram, safe, raw[:, :, None] * raw[:, None, :])
     norms, turn = np.linalg.eigh(gram)
-    norms = np.where(norms > _PARALLEL * norms[:, 1:], norms, 0.0)
+    norms = np.where(norms > EVIDENCE.parallel * norms[:, 1:], norms, 0.0)
     return safe, np.einsum("ni,nij->nj", raw, turn[safe]), norms.T.ravel()
 
 
@@ -262,7 +257,7 @@ def posterior(
     chosen = tried[
         int(np.argmax(logs))
     ]  # of scales with the same grid index for all effects
-    for _ in range(_SWEEPS if len(priors) > 1 else len(priors)):
+    for _ in range(EVIDENCE.sweeps if len(priors) > 1 else len(priors)):
         averaging = 0.0
         before = chosen
         for prior, mine in zip(priors, own, strict=True):
@@ -278,25 +273,22 @@ def posterior(
     mean = share @ means[:, 0]
 
     def find_covariance() -> Array:
-        few = share > _NEGLIGIBLE
+        few = share > EVIDENCE.negligible
         grams, pulls, totals, log_weight = (each[few] for each in products)
         part = grams, pulls, totals, log_weight
         covariance = _find_moment(
             *log_evidences(*part, chosen[None], positive), chosen[None], mean
         )
-        wider = np.ones(k)
+        moments: list[Array] = []
         for prior, mine in zip(
             priors, own, strict=True
-        ):  # its prior scale is not known either
+        ):  # nor is its prior scale known
             tried = _with(chosen, mine, prior.scales)
             logs, means, cores = log_evidences(*part, tried, positive)
-            variance = np.diagonal(
+            moments.append(
                 _find_moment(logs + prior.log_weight, means, cores, tried, mean)
             )
-            wider[mine] = np.sqrt(variance / np.diagonal(covariance)).clip(min=1.0)[
-                mine
-            ]
-        return wider[:, None] * covariance * wider
+        return _widen(covariance, moments)
 
     whole, plain = (
         float(log_sum(each)) + averaging for each in (log, log[errors.sizes == 0.0])
@@ -334,7 +326,7 @@ def eliminate(inner: Array, gone: Flags, scales: Array) -> tuple[Array, Array]:
     share = find_share(inner[:, ~gone][:, :, gone])
     rest = inner[:, ~gone][:, :, ~gone]
     return rest * (
-        1.0 + _ROUNDING * np.diag([*np.ones(rest.shape[1] - 1), 0.0])
+        1.0 + EVIDENCE.rounding * np.diag([*np.ones(rest.shape[1] - 1), 0.0])
     ) - share @ share.mT, log
 
 
@@ -352,7 +344,7 @@ def marginalize(inner: Array, scales: Array) -> tuple[Callable[[Array], Array], 
         Prior standard deviations (g,).
     """
     unit = np.eye(len(scales))
-    whole = (scales[:, None] * inner * scales + unit) * (1.0 + _ROUNDING * unit)
+    whole = (scales[:, None] * inner * scales + unit) * (1.0 + EVIDENCE.rounding * unit)
     size = np.sqrt(np.diagonal(whole, axis1=1, axis2=2))[..., None]
     root = np.linalg.cholesky(
         whole / size / size.mT
@@ -373,12 +365,30 @@ def _with(chosen: Array, mine: Indices, scales: Array) -> Array:
     return tried
 
 
+def _widen(covariance: Array, moments: Sequence[Array]) -> Array:
+    """Return a covariance (k, k) with what second moments (k, k) exceed it by, direction by direction.
+
+    Sums of parameters that readings show well stay so, however little these are known alone.
+    """
+    if not len(covariance):
+        return covariance
+    unit = np.sqrt(np.diagonal(covariance))
+    values, vectors = np.linalg.eigh(covariance / unit / unit[:, None])
+    root = unit[:, None] * vectors * np.sqrt(values.clip(min=EVIDENCE.rounding))
+    inverse = np.linalg.inv(root)
+    out = np.eye(len(covariance))
+    for moment in moments:
+        more, axes = np.linalg.eigh(inverse @ moment @ inverse.T)
+        out += (axes * (more - 1.0).clip(min=0.0)) @ axes.T
+    return root @ out @ root.T
+
+
 def _find_moment(
     log: Array, means: Array, cores: Array, scales: Array, about: Array
 ) -> Array:
     """Return the second moment (k, k) about a point (k,) over settings and prior scales (s, k)."""
     weight = np.exp(log - log_sum(log))
-    counted = np.argwhere(weight > _NEGLIGIBLE)
+    counted = np.argwhere(weight > EVIDENCE.negligible)
     out = np.zeros((len(about), len(about)))
     for q, s in counted:
         away = means[q, s] - about
@@ -414,36 +424,50 @@ def log_evidences(
     """
     wide = scales[..., None, :, :]  # (..., 1, s, k)
     cores = wide[..., :, None] * grams[..., :, None, :, :] * wide[..., None, :]
-    ridge = 1.0 + _ROUNDING * np.trace(cores, axis1=-2, axis2=-1)
+    ridge = 1.0 + EVIDENCE.rounding * np.trace(cores, axis1=-2, axis2=-1)
     cores = cores + np.eye(scales.shape[-1]) * ridge[..., None, None]
     b = wide * pulls[..., :, None, :]
     u, free = constrained_minima(cores, b, positive)
-    fit = 2.0 * np.sum(u * b, axis=-1) - np.einsum("...i,...ij,...j->...", u, cores, u)
-    pivots = np.diagonal(cast("Array", np.linalg.cholesky(cores)), axis1=-2, axis2=-1)
+    at = (cores @ u[..., None])[..., 0]
+    fit = np.sum(u * (2.0 * b - at), axis=-1)
+    last = np.argsort(positive, kind="stable")  # those that cannot be negative
+    root = cast("Array", np.linalg.cholesky(cores[..., last[:, None], last]))
+    pivots = np.diagonal(root, axis1=-2, axis2=-1)
     log = (
         -0.5 * (totals[..., None] - fit)
         - np.log(pivots).sum(axis=-1)
         + log_weight[:, None]
     )
-    return log + _above_zero(cores, b, u, free, positive), wide * u, cores
+    if positive.any():
+        beside = np.sqrt(np.diagonal(cores, axis1=-2, axis2=-1))
+        pull = ((b - at) / beside)[..., positive]
+        count = int(positive.sum())
+        own = root[..., -count:, -count:]
+        log = log + _above_zero(own, u[..., positive], pull, free[..., positive])
+    return log, wide * u, cores
 
 
-def _above_zero(
-    cores: Array, b: Array, u: Array, free: Flags, positive: Flags
-) -> Array:
+def _above_zero(root: Array, u: Array, pull: Array, free: Flags) -> Array:
     """Return the log correction (...) of Laplace's approximation for non-negative parameters.
 
     For each, the fraction of its Gaussian above zero over the prior's half: the marginal one if
     free, the conditional one if held at zero. Exact for independent parameters.
+
+    Parameters
+    ----------
+    root
+        Cholesky factor (..., p, p) of their precision with all others marginalized.
+    u
+        Parameters (..., p).
+    pull
+        Slopes (..., p) of the log posterior at u, in conditional standard deviations.
+    free
+        Which (..., p) are not held at zero.
     """
-    if not positive.any():
-        return np.zeros(u.shape[:-1])
-    deviation = np.sqrt(np.diagonal(np.linalg.inv(cores), axis1=-2, axis2=-1))
-    beside = np.sqrt(np.diagonal(cores, axis1=-2, axis2=-1))
-    pull = (b - np.einsum("...ij,...j->...i", cores, u)) / beside
+    deviation = np.linalg.norm(np.linalg.inv(root), axis=-2)  # of (L Lᵀ)⁻¹
     away = np.abs(np.where(free, u / deviation, pull)) / np.sqrt(2.0)
     share = np.asarray(np.where(free, erfc(-away), erfcx(away)), dtype=float)
-    return np.where(positive, np.log(share), 0.0).sum(axis=-1)
+    return np.log(share).sum(axis=-1)
 
 
 def constrained_minima(
@@ -451,7 +475,8 @@ def constrained_minima(
 ) -> tuple[Array, Flags]:
     """Return minima (..., k) of ``½ uᵀ A u - bᵀ u`` with some u ≥ 0, and which u are free.
 
-    Fixes the most negative one at a time; `scipy.optimize.nnls` takes one factor and bounds all u.
+    Eliminates the others, then fixes the most negative one at a time; `scipy.optimize.nnls` takes
+    one factor and bounds all u.
 
     Parameters
     ----------
@@ -462,28 +487,53 @@ def constrained_minima(
     """
     shape = pulls.shape
     k = pulls.shape[-1]
+    free = np.ones(shape, dtype=np.bool_)
     if k == 0:
-        return pulls, np.ones(shape, dtype=np.bool_)
+        return pulls, free
+    if not positive.any():
+        return np.linalg.solve(matrices, pulls[..., None])[..., 0], free
     a = matrices.reshape(-1, k, k)
     b = pulls.reshape(-1, k)
-    free = np.ones(b.shape, dtype=np.bool_)
+    root = np.sqrt(np.diagonal(a, axis1=1, axis2=2))[:, positive]
+    own = a[:, positive]
+    mixed = own[:, :, ~positive]
+    beside = a[:, ~positive][:, :, ~positive]
+    right = np.concatenate([mixed.mT, b[:, ~positive, None]], axis=2)
+    share = np.linalg.solve(
+        beside, right
+    )  # of the others: per unit of these, and alone
+    least, held = _minimize_above_zero(
+        own[:, :, positive] - mixed @ share[:, :, :-1],
+        b[:, positive] - (mixed @ share[:, :, -1:])[..., 0],
+        root,
+    )
+    u = np.empty(b.shape)
+    u[:, positive] = least
+    u[:, ~positive] = share[:, :, -1] - (share[:, :, :-1] @ least[..., None])[..., 0]
+    free[..., positive] = ~held.reshape(*shape[:-1], -1)
+    return u.reshape(shape), free
+
+
+def _minimize_above_zero(a: Array, b: Array, root: Array) -> tuple[Array, Flags]:
+    """Return minima (n, k) of ``½ uᵀ A u - bᵀ u`` with u ≥ 0, and which u are held at zero.
+
+    root: inverse units (n, k) in which the most negative one is sought.
+    """
+    k = b.shape[1]
     u = np.linalg.solve(a, b[..., None])[..., 0]
-    if positive.any():
-        root = np.sqrt(np.diagonal(a, axis1=1, axis2=2))
-        left = np.arange(len(b))
-        while len(left):
-            wrong = np.where(positive & free[left], u[left] * root[left], 0.0)
-            bad = wrong.min(axis=1) < 0.0
-            left = left[bad]
-            worst = np.argmin(wrong, axis=1)[bad]
-            free[left, worst] = False
-            keep = free[left]
-            both = keep[:, :, None] & keep[:, None, :]
-            held = np.where(both, a[left], 0.0) + np.eye(k) * ~keep[:, None, :]
-            u[left] = np.linalg.solve(held, np.where(keep, b[left], 0.0)[..., None])[
-                ..., 0
-            ]
-    return u.reshape(shape), free.reshape(shape)
+    free = np.ones(b.shape, dtype=np.bool_)
+    left = np.arange(len(b))
+    while len(left):
+        wrong = np.where(free[left], u[left] * root[left], 0.0)
+        bad = wrong.min(axis=1) < 0.0
+        left = left[bad]
+        free[left, np.argmin(wrong, axis=1)[bad]] = False
+        keep = free[left]
+        both = keep[:, :, None] & keep[:, None, :]
+        held = np.where(both, a[left], 0.0) + np.eye(k) * ~keep[:, None, :]
+        pulls = np.where(keep, b[left], 0.0)
+        u[left] = np.linalg.solve(held, pulls[..., None])[..., 0]
+    return u, ~free
 
 
 def log_sum(logs: Array, axis: int | None = None) -> Any:

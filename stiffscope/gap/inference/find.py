@@ -25,7 +25,11 @@ def find(model: ForwardModel, progress: Progress | None = None) -> Findings:
     known = found.fit_effects(found.best.words)
     if not lack_of_fit(found, known):
         return found
-    exact = found.model.find_equilibria(found.best.parameters)
+    rest = (
+        np.where(found.used_readings, found.best.residual, 0.0)
+        * found.problem.noise.sigma
+    )
+    exact = found.model.find_equilibria(found.best.parameters, rest)
     if exact is None:
         return found
     return max(found, _find_with_doubts(exact, progress), key=_weigh)

@@ -15,7 +15,7 @@ from stiffscope.gap.inference.hypothesis import forms_of, join_values
 from stiffscope.gap.inference.plausibility import implausible
 from stiffscope.gap.inference.residuals import percent_rms
 from stiffscope.gap.inference.search import Search
-from stiffscope.gap.inference.settings import VERDICT
+from stiffscope.gap.inference.settings import GROUPS, VERDICT
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -26,15 +26,6 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array, Flags, Progress
 
     Fitted = dict[frozenset[tuple[str, int]], Hypothesis]
-
-
-CONFIDENT = 0.9  # least probability of a certain effect or group
-CONFUSED = (
-    2  # other effects listed as indistinguishable, unless more make the group certain
-)
-COMPETING = 0.02  # least probability of a competing hypothesis over that of the best
-IMITATING = 3.0  # most ln evidence behind the best set to mention a pattern
-NEAR = 40.0  # ln-odds within which another prior may change the order
 
 
 @dataclass(frozen=True)
@@ -121,7 +112,7 @@ class Findings:
         near = [
             h
             for h in self.hypotheses
-            if not h.names or h.evidence > self.best.evidence - NEAR
+            if not h.names or h.evidence > self.best.evidence - GROUPS.near
         ]
         return _rank(problem, [(h, problem.reweigh(h)) for h in near], self.fitted)
 
@@ -166,7 +157,7 @@ class Findings:
         listed = [name]
         own = next(c for c in self.best.candidates if c.name == name)
         self._add_rivals(listed, own, self)
-        self._add_rivals(listed, own, self.doubted, CONFIDENT)
+        self._add_rivals(listed, own, self.doubted, GROUPS.confident)
         known = self.at_work(listed)
         self._add_rivals(listed, own, self, patterns=True)
         elsewhere = [
@@ -174,7 +165,7 @@ class Findings:
             for c in self.imitating_patterns.get(name, ())
             if c.like == own.effect
         ]
-        most = max(len(listed), CONFUSED + 1)
+        most = max(len(listed), GROUPS.confused + 1)
         listed = list(dict.fromkeys([*listed, *elsewhere]))[:most]
         same = {self.problem.find_cause(each) for each in listed}
         aliases = (
@@ -218,7 +209,10 @@ class Findings:
         found: dict[str, list[Candidate]] = {}
         best = self.evidence(self.best)
         for name, other, hypothesis, _ in self._exchange_effects():
-            if other.is_nuisance and best - self.evidence(hypothesis) < IMITATING:
+            if (
+                other.is_nuisance
+                and best - self.evidence(hypothesis) < GROUPS.imitating
+            ):
                 found.setdefault(name, []).append(other)
         return found
 
@@ -227,7 +221,7 @@ class Findings:
         """Substitutes of each effect in competing hypotheses that are otherwise the same."""
         found: dict[str, set[str]] = {}
         for name, other, _, p in self._exchange_effects():
-            if p > COMPETING * self.probability[0]:
+            if p > GROUPS.competing * self.probability[0]:
                 found.setdefault(name, set()).add(other.name)
         return found
 
@@ -266,7 +260,7 @@ class Findings:
         }
         elsewhere -= {*self._in_place_of.get(own.name, ()), *own.signature_of}
         while len(listed) < VERDICT.listed and by.at_work(listed) < enough:
-            if len(listed) > CONFUSED and by.at_work(listed) >= CONFIDENT:
+            if len(listed) > GROUPS.confused and by.at_work(listed) >= GROUPS.confident:
                 break  # more than three only where three are not certain
             known = {self.problem.find_cause(each) for each in listed}
             gains: dict[str, float] = {}
@@ -290,7 +284,7 @@ class Findings:
                         if same not in known:
                             gains[same] = gains.get(same, 0.0) + beside * share
             best = max(gains, key=lambda n: gains[n], default="")
-            if not best or gains[best] <= COMPETING * by.probability[0]:
+            if not best or gains[best] <= GROUPS.competing * by.probability[0]:
                 break
             listed.append(best)
 
@@ -325,25 +319,25 @@ class Findings:
 
         A fit beside a large discrepancy follows details, and may leave more than no effect does.
         """
-        noise = self.problem.noise
         widens = self.chi2(hypothesis) > self.chi2(self.none)
         if (
             not widens
             and not self.problem.errors.sizes[np.argmax(hypothesis.known.settings)]
         ):
             return hypothesis
-        scaled = noise.scaled | (
-            not noise.scaled.any()
-        )  # by a known factor: one, or the best's
-        plain = replace(
-            noise, scaled=scaled, factors=np.array([self.best.known.noise_factor])
-        )
-        problem = replace(self.problem, noise=plain)
         here = hypothesis.values
         starts = (here, 0.0 * here) if widens else (here,)
-        return min(
-            (problem.fit(hypothesis.candidates, start) for start in starts),
-            key=self.chi2,
+        fits = (self._plainly.fit(hypothesis.candidates, start) for start in starts)
+        return min(fits, key=self.chi2)
+
+    @cached_property
+    def _plainly(self) -> Problem:
+        """The problem without a discrepancy, with noise of a known factor: one, or the best's."""
+        noise = self.problem.noise
+        scaled = noise.scaled | (not noise.scaled.any())
+        factor = np.array([self.best.known.noise_factor])
+        return replace(
+            self.problem, noise=replace(noise, scaled=scaled, factors=factor)
         )
 
     def predict_readings(self, hypothesis: Hypothesis) -> Array:
@@ -410,7 +404,8 @@ class Findings:
         ]
         if noise.scaled.any() or discrepancy:  # both are estimated again
             rest = Problem(self.model, replace(noise, used=noise.used & ~here))
-            known = rest.posterior(hypothesis.candidates, hypothesis.linear, x)
+            near = hypothesis.known.scales
+            known = rest.posterior(hypothesis.candidates, hypothesis.linear, x, near)
             return known.mean - hypothesis.values
         unit = hypothesis.known.scales  # parameter units range from 1e-9 m/N to kg
         left = unit * x[self.used_readings & ~here]
@@ -451,7 +446,7 @@ def _yield_to_plausible(
     """
     top = max(log for _, log in scored)
     used = problem.noise.used
-    close = [(h, log) for h, log in scored if log > top - NEAR]
+    close = [(h, log) for h, log in scored if log > top - GROUPS.near]
     chi2 = {id(h): float(np.sum(h.residual[used] ** 2)) for h, _ in close}
     strange = {
         id(h)
@@ -467,7 +462,7 @@ def _yield_to_plausible(
                 for plain, other in close
                 if id(plain) not in strange and plain.words and chi2[id(plain)] <= least
             ]
-            limit = max(fits, default=np.inf) + np.log(COMPETING)
+            limit = max(fits, default=np.inf) + np.log(GROUPS.competing)
             log = min(log, float(limit))  # noqa: PLW2901
         out.append((h, log))
     return out

@@ -28,12 +28,9 @@ from stiffscope.gap.inference.hypothesis import (
     split,
 )
 from stiffscope.gap.inference.library import Library
-from stiffscope.gap.inference.plausibility import (
-    SIGNIFICANT,
-    find_plausible,
-    implausible,
-)
+from stiffscope.gap.inference.plausibility import find_plausible, implausible
 from stiffscope.gap.inference.priors import choose_near, spread_groups, spread_priors
+from stiffscope.gap.inference.settings import FIT, PLAUSIBLE
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -51,24 +48,6 @@ if TYPE_CHECKING:
     Effects = Sequence[Candidate]
 
 
-PRIOR_ODDS = 0.25  # of one effect more, shared by the words of the vocabulary and by their places
-UNKNOWN = 0.1  # of these odds: an unknown cause, shared by the kinds of patterns and their places
-STRANGE = 0.01  # of an effect's odds, those of its parameters beyond what is plausible
-MARGIN = 30.0  # ln-odds behind the best to first order up to which a set is fitted,
-DOUBT = (
-    0.2  # or this share of the best one's gain, since first order errs by a share of it
-)
-CURVED = 0.1  # relative error of the linear prediction beyond which derivatives are taken anew
-SIZES = np.geomspace(1e-3, 1e3, 9)  # of effects, in units of their own
-_STEPS = 12  # of Gauss-Newton
-_CONVERGED = 1e-3  # of the cost, χ² with the prior's: a step that lowers it by less is not taken,
-_SETTLED = 0.05  # and one by less than this is the last
-_REPEATED = 4  # descents more at most, each in the sizes that the one before makes the likeliest
-_ALIKE = 0.5  # ln of the ratio of two sizes below which descents in both find the same
-_DAMPING = (1.0, 0.5, 0.25, 0.1, 0.02)
-_FAR = 4.0  # largest squared distance (sigmas) of a mean from the linearization
-_SLIGHT = 1.0  # expected decrease of the cost that does not justify much damping
-_ROUNDING = 1e-12  # relative regularization of inner products
 _UNASSEMBLABLE = "a parameter is outside the assemblable range"
 
 
@@ -97,10 +76,10 @@ class Problem:
 
     model: ForwardModel
     noise: Noise
-    odds: float = PRIOR_ODDS
+    odds: float = FIT.odds
     widening: float = 1.0
     """Factor on all prior sizes."""
-    sizes: Array = field(default_factory=lambda: SIZES)
+    sizes: Array = field(default_factory=lambda: np.array(FIT.sizes))
     """Prior sizes (s,) of effects in their own units, on a geometric grid."""
     even: bool = False
     """Whether all effects have the same odds, independent of the number of places."""
@@ -146,10 +125,13 @@ class Problem:
     def odds_of(self, candidate: Candidate) -> Array:
         """Return prior odds (t,) of an effect and its twins, equal for effects and their places.
 
-        Forms of one cause share them, whatever they are called.
+        Forms of one cause share them, whatever they are called. Guesses are expected to differ.
         """
         if candidate.is_nuisance:
             return np.array([self._odds_of_pattern(candidate.pattern)])
+        if candidate.guessed:
+            odds = FIT.guessed * self.odds / FIT.odds
+            return np.full(len(candidate.signature_of), odds)
         counts = self._place_counts
         words = map(word_of, candidate.signature_of)
         places = np.array([max(counts[word], 1) for word in words], dtype=float)
@@ -170,7 +152,7 @@ class Problem:
             if not other.is_nuisance and implausible(
                 candidate, hypothesis, other, rate
             ):
-                odds[k] *= STRANGE
+                odds[k] *= FIT.strange
             if k > 0:
                 (value,) = hypothesis.values[hypothesis.mark(lambda c: c is candidate)]
                 ahead = self._log_density(other, rate * value) - self._log_density(
@@ -188,7 +170,12 @@ class Problem:
         )
 
     def _odds_of_pattern(self, pattern: str) -> float:
-        return UNKNOWN * self.odds / len(self._unknown) / max(self._unknown[pattern], 1)
+        return (
+            FIT.unknown
+            * self.odds
+            / len(self._unknown)
+            / max(self._unknown[pattern], 1)
+        )
 
     @cached_property
     def errors(self) -> Errors:
@@ -276,7 +263,7 @@ class Problem:
         at = self._start(candidates, start, safe)
         known = self.posterior(candidates, at.linear, at.slopes)
         log = known.log_evidence + self.log_prior(candidates)
-        least = target - MARGIN - DOUBT * abs(log - self._nominal_evidence)
+        least = target - FIT.margin - FIT.doubt * abs(log - self._nominal_evidence)
         far = len(start) > 0 and len(candidates) > 1 and log < least
         if far or not len(start):
             own = split(candidates, at.u)
@@ -292,7 +279,7 @@ class Problem:
         )
         scales = np.where(many, known.scales, scales)  # not all errors are observable
         at = self._descend(candidates, at, setting, scales)
-        if at.short > MARGIN and not at_bounds(candidates, at.u).any():
+        if at.short > FIT.margin and not at_bounds(candidates, at.u).any():
             again = self._descend(
                 candidates, self._start(candidates, safe, safe), setting, scales
             )
@@ -301,20 +288,22 @@ class Problem:
         states = [(at, scales)]
         seen = [(setting, np.log(scales))]
         for _ in range(
-            _REPEATED
+            FIT.repeated
         ):  # what the start left may have looked like a larger discrepancy
             setting = int(np.argmax(known.settings))
             scales = known.scales
             here = np.log(scales)
-            behind = known.log_evidence + self.log_prior(candidates) < target - MARGIN
+            behind = (
+                known.log_evidence + self.log_prior(candidates) < target - FIT.margin
+            )
             alike = (sizes for before, sizes in seen if before == setting)
-            if behind or any(np.abs(sizes - here).max() < _ALIKE for sizes in alike):
+            if behind or any(np.abs(sizes - here).max() < FIT.alike for sizes in alike):
                 break
             seen.append((setting, here))
             at = self._descend(candidates, at, setting, scales)
             states.append((at, scales))
             known = self.posterior(candidates, at.linear, at.slopes)
-        local = self._find_distance(known, at) > _FAR
+        local = self._find_distance(known, at) > FIT.far
         if local:  # the linearization is not valid at such distant prior sizes
             tried = [
                 (self.posterior(candidates, p.linear, p.slopes, near), p)
@@ -343,7 +332,7 @@ class Problem:
         before, after = (
             float(self.errors.inner_at(setting, each[:, None])[0, 0]) for each in both
         )
-        if after > before + SIGNIFICANT**2:
+        if after > before + PLAUSIBLE.significant**2:
             return hypothesis
         return replace(
             hypothesis,
@@ -383,9 +372,9 @@ class Problem:
         inner = inner_of(residual, slopes)
         cost = float(inner[k, k] + u**2 @ prior)
         short = 0.0
-        for _ in range(_STEPS):
+        for _ in range(FIT.steps):
             gram = inner[:k, :k]
-            rounding = _ROUNDING * np.diagonal(
+            rounding = FIT.rounding * np.diagonal(
                 gram
             )  # prior and noise may differ by more
             precision = gram + np.diag(prior + rounding)
@@ -394,9 +383,9 @@ class Problem:
             short = float((whole - u) @ precision @ (whole - u))
             step = minimize_bounded(candidates, precision, pull, whole) - u
             near = float(step @ precision @ step)
-            if near < _CONVERGED:
+            if near < FIT.converged:
                 break
-            for damping in _DAMPING if near > _SLIGHT else _DAMPING[:2]:
+            for damping in FIT.damping if near > FIT.slight else FIT.damping[:2]:
                 trial = bound_parameters(candidates, u + damping * step)
                 try:
                     moved = self._evaluate(candidates, trial)
@@ -419,7 +408,9 @@ class Problem:
             u = trial
             cost = lower
             inner = inner_of(residual, slopes)
-            if damping == _DAMPING[0] and (gained < _CONVERGED or near < _SETTLED):
+            if damping == FIT.damping[0] and (
+                gained < FIT.converged or near < FIT.settled
+            ):
                 short = 0.0 if np.array_equal(trial, last + (whole - last)) else short
                 break
         return _Point(u, residual, slopes, short)
@@ -481,7 +472,7 @@ class Problem:
         fixed = any(
             not c.scale for c in hypothesis.candidates
         )  # a unit also changes derivatives
-        if not fixed and error <= CURVED * change:
+        if not fixed and error <= FIT.curved * change:
             return self.nominal
         prediction = self.model.predict(hypothesis.parameters)
         return Library.of(self.model.library, prediction, self.noise.sigma, self.errors)

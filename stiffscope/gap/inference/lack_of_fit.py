@@ -7,24 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import chdtrc, fdtrc  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
+from stiffscope.gap.inference.settings import TESTS
+
 if TYPE_CHECKING:
     from stiffscope.gap.inference.findings import Findings
     from stiffscope.gap.inference.hypothesis import Hypothesis
     from stiffscope.runtime.types import Array, Indices
-
-
-SIGNIFICANCE = 1e-3  # of the χ² tests
-CORROBORATED = (
-    0.05  # significance of total χ² if residuals are correlated within groups
-)
-NEGLIGIBLE = 1.03  # χ² per degree of freedom below which lack of fit is ignored
-MODEL_ERROR = (
-    0.002  # fraction of explained χ² due to small errors of the forward model,
-)
-MODEL_NOISE = 1.2  # limited to this multiple of the noise
-ENOUGH = 60  # least number of readings to test group means
-_SURE = 1e9  # degrees of freedom of a noise that is known
-_OBSERVABLE = 0.05  # least fraction of a group mean that the fit leaves
 
 
 def lack_of_fit(found: Findings, hypothesis: Hypothesis) -> str:
@@ -35,13 +23,13 @@ def lack_of_fit(found: Findings, hypothesis: Hypothesis) -> str:
     """
     dof = _degrees(found, hypothesis)
     total = found.chi2(hypothesis)
-    known = min(found.problem.noise.freedom, _SURE)
+    known = min(found.problem.noise.freedom, TESTS.sure)
     p = float(fdtrc(dof, known, total / dof))  # of χ² if the noise is known
-    ignored = max((NEGLIGIBLE - 1.0) * dof, model_errors(found, hypothesis))
-    if total - dof <= ignored or p >= CORROBORATED:
+    ignored = max((TESTS.negligible - 1.0) * dof, model_errors(found, hypothesis))
+    if total - dof <= ignored or p >= TESTS.corroborated:
         return ""
     together = correlation(found, hypothesis)
-    if p >= SIGNIFICANCE and not together:
+    if p >= TESTS.significance and not together:
         return ""
     left = f"the residuals are {np.sqrt(total / dof):.3g} times the noise"
     return f"{left}; {together}" if together else left
@@ -52,7 +40,7 @@ def correlation(found: Findings, hypothesis: Hypothesis) -> str:
     c = found.campaign
     used = found.used_readings
     r = found.residual(hypothesis)[used]
-    if len(r) < ENOUGH or np.isnan(c.sigma).any():
+    if len(r) < TESTS.enough or np.isnan(c.sigma).any():
         return ""
     applied = np.column_stack([c.load, np.nan_to_num(c.wrench)])[used]
     loads = np.unique(applied, axis=0, return_inverse=True)[1].ravel()
@@ -69,7 +57,7 @@ def correlation(found: Findings, hypothesis: Hypothesis) -> str:
     for name, group in groups.items():
         total, dof = _of_group_means(r, group, x)
         p = float(chdtrc(max(dof, 1), total))
-        if p * len(groups) < SIGNIFICANCE and total - dof > ignored:
+        if p * len(groups) < TESTS.significance and total - dof > ignored:
             return f"the residuals are correlated within each {name} (p = {p:.1g})"
     return ""
 
@@ -81,8 +69,8 @@ def _degrees(found: Findings, hypothesis: Hypothesis) -> int:
 def model_errors(found: Findings, hypothesis: Hypothesis) -> float:
     """Return the excess of χ² attributed to errors of the forward model itself."""
     dof = _degrees(found, hypothesis)
-    excess = MODEL_ERROR * (found.chi2(found.none) - dof)
-    return float(np.clip(excess, 0.0, (MODEL_NOISE**2 - 1.0) * dof))
+    excess = TESTS.model_error * (found.chi2(found.none) - dof)
+    return float(np.clip(excess, 0.0, (TESTS.model_noise**2 - 1.0) * dof))
 
 
 def _of_group_means(r: Array, group: Indices, x: Array) -> tuple[float, int]:
@@ -96,7 +84,7 @@ def _of_group_means(r: Array, group: Indices, x: Array) -> tuple[float, int]:
         np.eye(len(count)) - design @ np.linalg.pinv(x.T @ x, rcond=1e-10) @ design.T
     )
     values, vectors = np.linalg.eigh(covariance)
-    keep = values > _OBSERVABLE
+    keep = values > TESTS.observable
     return float(np.sum((vectors[:, keep].T @ sums) ** 2 / values[keep])), int(
         keep.sum()
     )

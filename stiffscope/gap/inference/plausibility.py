@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.gap.inference.hypothesis import bound_parameters, positive_of, split
+from stiffscope.gap.inference.settings import PLAUSIBLE
 
 if TYPE_CHECKING:
     from stiffscope.gap.forward.forward_model import Candidate
@@ -14,13 +15,7 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array
 
 
-SIGNIFICANT = (
-    3.0  # least significant deviation from the plausible range, standard deviations
-)
-_DISTANCES = np.linspace(0.05, 1.0, 20) * SIGNIFICANT
-_SENSIBLE = (
-    3.0  # times its range: largest uncertainty of a parameter that says anything
-)
+_DISTANCES = np.linspace(0.05, 1.0, 20) * PLAUSIBLE.significant
 
 
 def physical_sigma(candidate: Candidate, internal: Array, covariance: Array) -> Array:
@@ -43,14 +38,25 @@ def own_part(hypothesis: Hypothesis, name: str) -> tuple[Array, Array]:
     return hypothesis.values[own], hypothesis.covariance[np.ix_(own, own)]
 
 
-def plausible(candidate: Candidate, values: Array, sigma: Array) -> list[bool]:
+Ranges = tuple[tuple[float, float], ...]
+
+
+def plausible(
+    candidate: Candidate, values: Array, sigma: Array, ranges: Ranges = ()
+) -> list[bool]:
     """Return whether each physical parameter is within its range or insignificantly beyond.
 
     An uncertainty far above the range excuses none: the centre of a payload without mass has it.
+    ranges: by default the plausible ones.
     """
-    known = zip(values, sigma, candidate.plausible, strict=True)
+    known = zip(values, sigma, ranges or candidate.plausible, strict=True)
     rows = (
-        (v, SIGNIFICANT * s if s < _SENSIBLE * (high - low) else 0.0, low, high)
+        (
+            v,
+            PLAUSIBLE.significant * s if s < PLAUSIBLE.sensible * (high - low) else 0.0,
+            low,
+            high,
+        )
         for v, s, (low, high) in known
     )
     return [bool(low - away <= v <= high + away) for v, away, low, high in rows]
@@ -61,38 +67,61 @@ def implausible(
     hypothesis: Hypothesis,
     other: Candidate | None = None,
     rate: float = 1.0,
+    ranges: Ranges = (),
 ) -> list[str]:
-    """Return messages on implausible parameters of an effect, or of a twin in its place."""
+    """Return messages on implausible parameters of an effect, or of a twin in its place.
+
+    ranges: by default the plausible ones.
+    """
     if not candidate.scale:
         return []
     other = other or candidate
     values = other.physical(
         rate * hypothesis.values[hypothesis.mark(lambda c: c is candidate)]
     )
-    if all(plausible(other, values, np.zeros(len(values)))):
+    if all(plausible(other, values, np.zeros(len(values)), ranges)):
         return []
     internal, covariance = own_part(hypothesis, candidate.name)
     sigma = physical_sigma(other, rate * internal, rate**2 * covariance)
-    rows = zip(
-        other.names, other.units, values, plausible(other, values, sigma), strict=True
+    fine = plausible(other, values, sigma, ranges)
+    rows = zip(other.names, other.units, values, strict=True)
+    if other.sums and not all(fine[1:]):  # a ratio of two values that may both be noise
+        return [f"{other.name}: a moment without a mass on the body is not plausible"]
+    strange = (
+        f"{name} of {v:.3g} {unit}"
+        for (name, unit, v), good in zip(rows, fine, strict=True)
+        if not good
     )
-    strange = (f"{name} of {v:.3g} {unit}" for name, unit, v, fine in rows if not fine)
     return [f"{other.name}: {each} is not plausible" for each in strange]
+
+
+def impossible(candidate: Candidate, hypothesis: Hypothesis) -> list[str]:
+    """Return messages on parameters of an effect by which it is no cause."""
+    return implausible(candidate, hypothesis, ranges=candidate.possible)
 
 
 def find_plausible(hypothesis: Hypothesis) -> tuple[Array, float] | None:
     """Return near internal parameters (k,) that are plausible, and the ln of evidence that they cost.
 
     A mass that readings hardly show may be zero in a fit, and its centre anywhere. A positive parameter is
-    therefore increased by at most `SIGNIFICANT` standard deviations, with the others at their expectation for
-    that value. None if the fit is plausible, or if none of these are.
+    therefore increased by at most `PLAUSIBLE.significant` standard deviations, with the others at their expectation for
+    that value. None if the fit is plausible, or if none of these are. Where none is plausible, a possible one.
     """
+    return _find_within(hypothesis, False) or _find_within(hypothesis, True)
+
+
+def _find_within(hypothesis: Hypothesis, wide: bool) -> tuple[Array, float] | None:
+    """Return near internal parameters (k,) in their ranges, plausible or (wide) possible, and their cost."""
     candidates = hypothesis.candidates
+
+    def fits(c: Candidate, values: Array) -> bool:
+        ranges = c.possible if wide else c.plausible
+        return all(plausible(c, values, np.zeros(len(values)), ranges))
+
     wrong = [
         c
         for c, own in hypothesis.parameters
-        if c.couplings
-        and not all(plausible(c, c.physical(np.array(own)), np.zeros(len(c.names))))
+        if c.couplings and not fits(c, c.physical(np.array(own)))
     ]
     for j in (
         np.flatnonzero(hypothesis.mark(lambda c: c in wrong) & positive_of(candidates))
@@ -107,9 +136,7 @@ def find_plausible(hypothesis: Hypothesis) -> tuple[Array, float] | None:
                 for c, own in split(candidates, there)
                 if c in wrong
             )
-            if all(
-                all(plausible(c, values, np.zeros(len(values)))) for c, values in moved
-            ):
+            if all(fits(c, values) for c, values in moved):
                 possible = np.allclose(
                     there, bound_parameters(candidates, there), rtol=1e-12, atol=0.0
                 )

@@ -9,20 +9,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.gap.inference.settings import PRIORS
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from stiffscope.runtime.types import Array, Flags
-
-SPARSE = (
-    1.0 / 3.0
-)  # of an effect's weight, those of its parameters of which some are zero
-FINER = (
-    4  # times as many sizes of many errors, which together show their size more exactly
-)
-_ABSENT = 1e-6  # times its unit, what a parameter that is zero may still be
-_SAME = 1e-6  # ln of the ratio of two sizes that are one
-_MOST_APART = 3  # parameters of which any may be zero
 
 
 @dataclass(frozen=True)
@@ -58,8 +50,12 @@ def spread_groups(
         Sizes (s,).
     """
     ends = np.cumsum([0, *(groups or (len(scale),))]).tolist()
-    step = np.array([k for k in range(FINER * (len(sizes) - 1)) if k % FINER])
-    between = np.exp(np.interp(step / FINER, np.arange(len(sizes)), np.log(sizes)))
+    step = np.array(
+        [k for k in range(PRIORS.finer * (len(sizes) - 1)) if k % PRIORS.finer]
+    )
+    between = np.exp(
+        np.interp(step / PRIORS.finer, np.arange(len(sizes)), np.log(sizes))
+    )
     finer = np.concatenate([sizes, between])
     own = (
         (slice(a, b), finer if groups and b - a > 1 else sizes)
@@ -97,10 +93,10 @@ def spread_priors(scale: Array, positive: Flags, sizes: Array) -> Spreads:
         return Spreads(whole, log)
     count = few.sum(axis=1)
     alike = np.array([np.sum(count == c) for c in count])
-    share = np.log(SPARSE / len(np.unique(count)) / alike)
-    left = sizes[:, None] * np.where(few, scale, _ABSENT * scale)[:, None, :]
+    share = np.log(PRIORS.sparse / len(np.unique(count)) / alike)
+    left = sizes[:, None] * np.where(few, scale, PRIORS.absent * scale)[:, None, :]
     scales = np.concatenate([whole, left.reshape(-1, len(scale))])
-    logs = [np.log1p(-SPARSE) + log, (share[:, None] + log).ravel()]
+    logs = [np.log1p(-PRIORS.sparse) + log, (share[:, None] + log).ravel()]
     return Spreads(scales, np.concatenate(logs), len(sizes))
 
 
@@ -114,7 +110,7 @@ def choose_near(priors: Sequence[Spreads], near: Array | None) -> Sequence[Sprea
         own = near[:count]
         near = near[count:]
         away = np.abs(np.log(prior.scales / own)).max(axis=1, initial=0.0)
-        kept = away <= away.min() + _SAME
+        kept = away <= away.min() + PRIORS.same
         out.append(
             Spreads(
                 prior.scales[kept],
@@ -128,7 +124,7 @@ def choose_near(priors: Sequence[Spreads], near: Array | None) -> Sequence[Sprea
 @cache
 def _subsets(count: int) -> Flags:
     """Return subsets (m, count) of non-zero parameters; for many, single ones and halves."""
-    if count > _MOST_APART:
+    if count > PRIORS.apart:
         half = np.arange(count) < count // 2
         return np.concatenate([np.eye(count, dtype=np.bool_), [half, ~half]])
     proper = [*product([False, True], repeat=count)][1:-1]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from stiffscope.gap.inference.evidence import log_evidences, log_sum, marginalize
-from stiffscope.gap.inference.fitting import DOUBT, MARGIN
 from stiffscope.gap.inference.hypothesis import (
     Hypothesis,
     bound_parameters,
@@ -18,6 +18,7 @@ from stiffscope.gap.inference.hypothesis import (
     positive_of,
     split,
 )
+from stiffscope.gap.inference.settings import FIT, SEARCH
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -31,22 +32,6 @@ if TYPE_CHECKING:
     Forms = frozenset[tuple[str, int]]
     Heights = tuple[float, float]
 
-BEAM_WIDTH = 10  # best hypotheses of each size that are extended,
-BEAM_PLAIN = 4  # and best without a discrepancy, which may absorb joint effects
-FITTED = 10  # most nonlinear fits for each size (twice as many for single effects),
-FITTED_PLAIN = 6  # and the best without a discrepancy
-LEAST_FITTED = 4  # regardless of first order
-SWAPPED = 4  # most substitutes fitted for each effect of the best set
-STRIKES = (
-    2  # most fits of a size that a flexible effect may end at the assemblable limit
-)
-OBVIOUS = 2  # simple effects that are reliably found one by one
-WIDE = 24, 8  # sets of simple effects extended to first order, alone and with others,
-SKETCHED = 4  # and sets that are fitted
-ROUNDS = 3  # of exchanging and growing
-RIVALS = 3  # best sets in which effects are exchanged,
-CLOSE = 3.0  # within this ln-odds of the best
-GAIN = 1.0  # least ln-odds gained by another effect to continue
 _Set = TypeVar("_Set", "Start", Hypothesis)
 
 
@@ -71,6 +56,13 @@ class Search:
 
     problem: Problem
     progress: Progress | None = None
+
+    @cached_property
+    def _most_parameters(self) -> float:
+        """Most parameters of a set: where the noise is found with them, the rest must tell it."""
+        noise = self.problem.noise
+        readings = int(noise.used.sum())
+        return SEARCH.share * readings if noise.scaled.any() else np.inf
 
     def hypotheses(self) -> list[Hypothesis]:
         """Return fitted hypotheses, the best first: none, single effects, and larger sets."""
@@ -99,7 +91,9 @@ class Search:
                 fitted,
             )
         best = fitted.best
-        if len(best.candidates) > OBVIOUS or not all(c.simple for c in best.candidates):
+        if len(best.candidates) > SEARCH.obvious or not all(
+            c.simple for c in best.candidates
+        ):
             complex_ones = tuple(c for c in best.words if not c.simple)
             for core in [complex_ones, ()] if complex_ones else [()]:
                 for starts in self._sketches(core):
@@ -109,17 +103,17 @@ class Search:
                         if forms_of(start.candidates) not in found
                     ]
                     stage = f"simple effects, {len(starts[0].candidates)} at once"
-                    fit(new, base, stage, SKETCHED)
+                    fit(new, base, stage, SEARCH.sketched)
                 if fitted.best is not best:
                     self._grow([fitted.best], fitted)
                     break
-        for _ in range(ROUNDS):
+        for _ in range(SEARCH.rounds):
             best = fitted.best
-            rivals = _sort(found.values())[:RIVALS]
-            close = (h for h in rivals if h.evidence > best.evidence - CLOSE)
+            rivals = _sort(found.values())[: SEARCH.rivals]
+            close = (h for h in rivals if h.evidence > best.evidence - SEARCH.close)
             starts = _sort(start for h in close for start in self._exchanges(h))
             exchanged = fit(starts, base, "effects exchanged", len(starts))
-            if not exchanged or exchanged[0].evidence < best.evidence + GAIN:
+            if not exchanged or exchanged[0].evidence < best.evidence + SEARCH.gain:
                 break
             self._grow(exchanged[:1], fitted)
         return _sort(found.values())
@@ -141,7 +135,7 @@ class Search:
                 return
             pairs = zip(starts, plain, strict=True)
             starts = list(dict.fromkeys(start for pair in pairs for start in pair))
-            starts = starts[: WIDE[bool(core)]]
+            starts = starts[: SEARCH.wide[bool(core)]]
             if kept[0].names:
                 yield [
                     replace(start, origin=np.zeros(len(start.origin)))
@@ -160,13 +154,13 @@ class Search:
             starts = self._extensions(frontier)
             if not starts:
                 return
-            most = FITTED if frontier[0].names else 2 * FITTED
+            most = SEARCH.fitted if frontier[0].names else 2 * SEARCH.fitted
             plain = sorted(starts, key=lambda s: -s.plain_score)
             if not _gains(_heights(starts), base):
-                most = LEAST_FITTED
+                most = SEARCH.least_fitted
                 plain = []  # the first-order error is as small
             fits = fitted.fit(starts, base, stage, most)
-            fits += fitted.fit(plain, base, stage, FITTED_PLAIN)
+            fits += fitted.fit(plain, base, stage, SEARCH.fitted_plain)
             fits = _sort({id(h): h for h in fits}.values())
             if not fits:
                 return
@@ -174,10 +168,10 @@ class Search:
             if not _gains((height, plain_height), before):
                 return
             before = max(height, before[0]), max(plain_height, before[1])
-            plain = sorted(fits, key=lambda h: -h.plain_score)[:BEAM_PLAIN]
+            plain = sorted(fits, key=lambda h: -h.plain_score)[: SEARCH.width_plain]
             frontier = [
-                *fits[:BEAM_WIDTH],
-                *(h for h in plain if h not in fits[:BEAM_WIDTH]),
+                *fits[: SEARCH.width],
+                *(h for h in plain if h not in fits[: SEARCH.width]),
             ]
 
     def _exchanges(self, whole: Hypothesis) -> list[Start]:
@@ -186,13 +180,19 @@ class Search:
         starts: list[Start] = []
         for gone in whole.candidates:
             rest = self._without(whole, gone)
-            limit = whole.evidence - MARGIN - DOUBT * (whole.evidence - rest.evidence)
+            limit = (
+                whole.evidence
+                - FIT.margin
+                - FIT.doubt * (whole.evidence - rest.evidence)
+            )
             scored = (
                 s for s in self.score_extensions(rest, library) if s.evidence > limit
             )
             known = (s for s in scored if not s.candidates[-1].is_nuisance)
-            starts += _sort(s for s in known if s.candidates[-1] is not gone)[:SWAPPED]
-            if rest.evidence > whole.evidence - MARGIN:
+            starts += _sort(s for s in known if s.candidates[-1] is not gone)[
+                : SEARCH.swapped
+            ]
+            if rest.evidence > whole.evidence - FIT.margin:
                 origin = join_values(v for c, v in whole.parameters if c is not gone)
                 values = bound_parameters(rest.candidates, rest.known.mean)
                 starts.append(Start(rest.candidates, values, origin))
@@ -270,6 +270,8 @@ class Search:
         alike: dict[tuple[bool, ...], list[int]] = {}
         for number, candidate in enumerate(library.candidates):
             if simple and not candidate.simple:
+                continue
+            if len(hypothesis.values) + len(candidate.scale) > self._most_parameters:
                 continue
             if self.problem.model.admits((*hypothesis.candidates, candidate)):
                 alike.setdefault(candidate.one_sided, []).append(number)
@@ -400,11 +402,11 @@ class _Fitted:
             if len(fits) >= most:
                 break
             promised = start.evidence, start.plain_score
-            if len(fits) >= LEAST_FITTED and all(
+            if len(fits) >= SEARCH.least_fitted and all(
                 map(_hopeless, promised, _heights(fits), base)
             ):
                 continue
-            if any(strikes[id(c)] >= STRIKES for c in start.candidates):
+            if any(strikes[id(c)] >= SEARCH.strikes for c in start.candidates):
                 continue
             if self.progress:
                 self.progress(stage, len(fits) / most)
@@ -413,7 +415,7 @@ class _Fitted:
                 target = max((h.plain_score for h in fits), default=-np.inf)
                 own = start.candidates, start.values, target, start.origin
                 self.found[key] = self.problem.fit(*own)
-            if self.found[key].short > MARGIN:
+            if self.found[key].short > FIT.margin:
                 strikes.update(id(c) for c in start.candidates if c.flexible)
             fits.append(self.found[key])
         return _sort(fits)
@@ -431,9 +433,9 @@ def _heights(sets: Sequence[Start | Hypothesis]) -> Heights:
 
 def _gains(now: Heights, before: Heights) -> bool:
     """Return whether one more effect is worthwhile, with or without a discrepancy."""
-    return any(a >= b + GAIN for a, b in zip(now, before, strict=True))
+    return any(a >= b + SEARCH.gain for a, b in zip(now, before, strict=True))
 
 
 def _hopeless(promised: float, best: float, base: float) -> bool:
     """Return whether a set is too far behind the best fit, given relative first-order errors."""
-    return promised < best - max(MARGIN, DOUBT * (best - base))
+    return promised < best - max(FIT.margin, FIT.doubt * (best - base))

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.gap.inference.findings import CONFIDENT
 from stiffscope.gap.inference.lack_of_fit import lack_of_fit, model_errors
-from stiffscope.gap.inference.plausibility import implausible
-from stiffscope.gap.inference.settings import VERDICT
+from stiffscope.gap.inference.plausibility import implausible, impossible
+from stiffscope.gap.inference.settings import GROUPS, VERDICT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -39,7 +38,7 @@ class Judgement:
 def judge_findings(found: Findings) -> Judgement:
     """Return the verdict.
 
-    An effect is certain if it, or its group, has the probability `CONFIDENT`, mostly by known effects
+    An effect is certain if it, or its group, has the probability `GROUPS.confident`, mostly by known effects
     and by the readings rather than prior odds, plausible parameters, and explains part of the gap.
     None is if the likeliest set, or its certain effects, leave a greater χ² than no effect. With
     certain effects the verdict is "identified" if they reduce the gap to the noise, and "partly"
@@ -49,24 +48,7 @@ def judge_findings(found: Findings) -> Judgement:
     """
     best = found.best
     none = found.none
-    wrong = {c.name: implausible(c, found.best) for c in best.words}
-    strange = [text for texts in wrong.values() for text in texts]
-    unnamed = sorted(c.describe(v) for c, v in best.parameters if c.is_nuisance)
-    if unnamed:
-        strange.append(
-            f"the readings follow {', '.join(unnamed)}, outside the known effects"
-        )
-    groups = {c.name: found.group(c.name) for c in best.words}
-    certain = [c for c in best.words if not wrong[c.name] and _certain(groups[c.name])]
-    favoured = [
-        n
-        for n, group in groups.items()
-        if group.doubted < CONFIDENT <= group.probability
-    ]
-    unsettled = [
-        f"{found.find_instead(name)} fits about as well as {name}" for name in favoured
-    ]
-    certain = _keep_explaining(found, certain)
+    certain, strange, unsettled = _find_certain(found)
     kept = found.fit_effects(certain)
     before = found.chi2(none)
     other = found.fit_named(certain)
@@ -78,11 +60,11 @@ def judge_findings(found: Findings) -> Judgement:
         certain = []
         kept = none
     count = int(found.used_readings.sum())
-    parameters = len(kept.values)
+    parameters = _count_shown(found, kept)
     few = count < VERDICT.few * (parameters + 1)
     if few:
         unsettled.append(
-            f"{count} readings are too few to identify {parameters} parameters"
+            f"{count} readings are too few to identify {parameters:.0f} parameters"
         )
     if certain and not few:
         return _judge(found, kept, strange, unsettled)
@@ -103,6 +85,43 @@ def judge_findings(found: Findings) -> Judgement:
         return Judgement("no-gap", (), none, tuple(strange))
     known = found.fit_effects(best.words)
     return Judgement("ambiguous", known.words, known, tuple(unsettled))
+
+
+def _count_shown(found: Findings, hypothesis: Hypothesis) -> float:
+    """Return how many parameters of a hypothesis readings determine, of which the prior tells less."""
+    columns = found.slopes(hypothesis)[found.used_readings] * hypothesis.known.scales
+    gram = columns.T @ columns
+    return float(np.trace(np.linalg.solve(gram + np.eye(len(gram)), gram)))
+
+
+def _find_certain(found: Findings) -> tuple[list[Candidate], list[str], list[str]]:
+    """Return certain effects, remarks on what no known effect explains, and on what is open."""
+    best = found.best
+    wrong = {c.name: impossible(c, found.best) for c in best.words}
+    strange = [text for texts in wrong.values() for text in texts]
+    unnamed = sorted(c.describe(v) for c, v in best.parameters if c.is_nuisance)
+    if unnamed:
+        strange.append(
+            f"the readings follow {', '.join(unnamed)}, outside the known effects"
+        )
+    groups = {c.name: found.group(c.name) for c in best.words}
+    unsettled = [
+        f"{found.find_instead(name)} fits about as well as {name}"
+        for name, group in groups.items()
+        if group.doubted < GROUPS.confident <= group.probability
+    ]
+    probable = [
+        c
+        for c in best.words
+        if not wrong[c.name] and _certain(groups[c.name]) and not _bends(found, c)
+    ]
+    certain, little = _keep_explaining(found, probable)
+    if little:
+        unsettled.append(
+            f"{' and '.join(little)} would explain less than "
+            f"{100.0 * VERDICT.explains:.0f} % of the gap: not certain"
+        )
+    return certain, strange, unsettled
 
 
 def settle_verdict(
@@ -169,7 +188,7 @@ def _judge(
         main = found.group(_main(found, kept))
         verdict = (
             "identified"
-            if main.known >= CONFIDENT and not main.elsewhere
+            if main.known >= GROUPS.confident and not main.elsewhere
             else "ambiguous"
         )
     remarks = (
@@ -181,46 +200,48 @@ def _judge(
     return Judgement(verdict, kept.words, kept, remarks)
 
 
-def _keep_explaining(found: Findings, certain: Sequence[Candidate]) -> list[Candidate]:
-    """Return the effects that explain part of the gap with plausible parameters."""
+def _keep_explaining(
+    found: Findings, certain: Sequence[Candidate]
+) -> tuple[list[Candidate], list[str]]:
+    """Return effects that explain part of the gap, possibly, and names of what explains too little."""
     left = list(certain)
+    little: list[str] = []
     while left:
         whole = found.fit_effects(left)
+        part = _explained_parts(found, whole)
         weak = [
-            c
-            for c in left
-            if _explains_little(found, whole, c) or implausible(c, whole)
+            c for c in left if part[c.name] < VERDICT.explains or impossible(c, whole)
         ]
         if not weak:
             break
-        least = min(weak, key=lambda c: _gain(found, whole, c))
+        least = min(weak, key=lambda c: part[c.name])
         left.remove(least)
-    return left
+        if not impossible(least, whole):
+            little.append(least.name)
+    return left, little
 
 
-def _gain(found: Findings, whole: Hypothesis, candidate: Candidate) -> float:
-    """Return the χ² that an effect explains beside the others of a hypothesis."""
-    rest = found.fit_effects(c for c in whole.candidates if c is not candidate)
-    return found.chi2(rest) - found.chi2(whole)
+def _explained_parts(found: Findings, whole: Hypothesis) -> dict[str, float]:
+    """Return the part of the gap beyond the noise that each effect of a hypothesis explains.
+
+    It is its share of what all of them explain together, and no more than what is left without it:
+    of two effects that change the readings alike, one may have a share and yet add nothing.
+    """
+    gap = max(_excess(found, found.none), 1e-300)
+    left = _excess(found, whole)
+    out: dict[str, float] = {}
+    for name, share in shares(found, whole).items():
+        rest = found.fit_effects(c for c in whole.candidates if c.name != name)
+        added = _excess(found, rest) - left
+        out[name] = min(share * (gap - left), added) / gap
+    return out
 
 
-def _explains_little(found: Findings, whole: Hypothesis, candidate: Candidate) -> bool:
-    """Return whether an effect explains little, of the gap and of what the others leave."""
-    rest = found.fit_effects(c for c in whole.candidates if c is not candidate)
-    alone = found.fit_effects([candidate])
-    gap = _excess(found, found.none)
-    shares = (
-        1.0 - _excess(found, after) / max(_excess(found, before), 1e-300)
-        for before, after in ((rest, whole), (found.none, alone))
-    )
-    if lack_of_fit(
-        found, whole
-    ):  # errors of the model are left, which anything fits in part
-        ratio = found.chi2(whole) / max(found.chi2(rest), 1e-300)
-        own = 1.0 - _excess(found, alone) / max(gap, 1e-300)
-        shares = (1.0 - float(np.sqrt(ratio)), own)
-    together = 1.0 - _excess(found, whole) / max(gap, 1e-300)
-    return max(shares) < VERDICT.explains or together < VERDICT.explains
+def adds_little(found: Findings, fewer: Hypothesis, more: Hypothesis) -> bool:
+    """Return whether effects that agree with the noise gain little by others: less than counts."""
+    gained = _excess(found, fewer) - _excess(found, more)
+    small = gained < VERDICT.explains * _excess(found, found.none)
+    return small and not lack_of_fit(found, fewer)
 
 
 def _excess(found: Findings, hypothesis: Hypothesis) -> float:
@@ -293,14 +314,27 @@ def _left_by_one(change: Array, columns: Array, other: Candidate) -> float:
 
 def _certain(group: Group) -> bool:
     """Return whether a group is certain, and known effects are more likely than not."""
-    return group.doubted >= CONFIDENT and group.known > VERDICT.majority
+    return group.doubted >= GROUPS.confident and group.known > VERDICT.majority
+
+
+def _bends(found: Findings, candidate: Candidate) -> bool:
+    """Return whether what an effect changes also follows a pattern, and that explains as much as counts."""
+    own = set(candidate.members)
+    patterns = [c for c in found.best.candidates if c.is_nuisance]
+    beside = [c for c in patterns if own & set(c.members)]
+    if not beside:
+        return False
+    rest = found.fit_effects(c for c in found.best.candidates if c not in beside)
+    gap = max(_excess(found, found.none), 1e-300)
+    added = _excess(found, rest) - _excess(found, found.best)
+    return added >= VERDICT.explains * gap
 
 
 def _pattern_beside(found: Findings, kept: Hypothesis) -> bool:
     """Return whether a nuisance pattern is also certain and exceeds small model errors."""
     unnamed = sum(p for h, p in found.ranked if len(h.words) < len(h.candidates))
     excess = found.chi2(kept) - found.chi2(found.best)
-    return unnamed >= CONFIDENT and excess > model_errors(found, kept)
+    return unnamed >= GROUPS.confident and excess > model_errors(found, kept)
 
 
 def _imitations(found: Findings, names: frozenset[str]) -> Iterator[str]:

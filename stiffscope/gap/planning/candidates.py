@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.gap.campaign.campaign import LoadPoint, Sensor
+from stiffscope.gap.campaign.campaign import Campaign, LoadPoint, Sensor
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.campaign.template import (
     Plan,
@@ -28,9 +28,8 @@ from stiffscope.runtime.output import scratch_folder
 from stiffscope.vjm.statics.analysis import compliance
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
 
-    from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.campaign.campaign_header import Header
     from stiffscope.gap.forward.forward_model import Candidate
     from stiffscope.robot.file.description import RobotFile
@@ -42,6 +41,8 @@ ENOUGH = 10.0
 """Required expected ln-odds of every pair."""
 AMPLE = 4.0 * ENOUGH
 """Least ln-odds of a planned pair by all available readings; others would need nearly all."""
+LARGER = (2.0, 5.0, 10.0, 30.0)
+"""Larger pulls that are tried for what a plan leaves unresolved."""
 USUAL = 0.3  # planned size of faults, in their units
 NONE = "no effect"
 _ALL = "all"
@@ -66,6 +67,8 @@ class Answered:
     """Parameters of the first that all available readings hardly distinguish from the second."""
     asked: bool = True
     """Whether both are part of the question."""
+    larger: float = 1.0
+    """Pulls this many times as large would tell the hidden parameters, too; infinite if none of `LARGER` would."""
 
 
 @dataclass(frozen=True)
@@ -78,7 +81,7 @@ class Proposal:
 
 
 def propose_plan(
-    nominal: NominalRobot, question: str, given: Header | None = None
+    nominal: NominalRobot, question: str, given: Campaign | Header | None = None
 ) -> Proposal:
     """Find the fewest readings that answer a question.
 
@@ -90,7 +93,7 @@ def propose_plan(
         `A from B`, or only causes, or `all`; each is an effect, a place or `effect @ place`, with
         shell-style patterns, separated by commas.
     given
-        A campaign with the available sensors and loads; by default gauges and hooks on the robot.
+        A campaign with the available sensors, loads and forces; by default gauges and hooks on the robot.
 
     Raises
     ------
@@ -113,13 +116,43 @@ def propose_plan(
     if not rows:
         expected = "expected causes that these instruments can distinguish"
         raise InputError(f"--ask: {expected}, got {question!r}")
-    return Proposal(
-        offer.select(rows), tuple(_summarize(pairs, told, {c.name for c in asked}))
-    )
+    names = {c.name for c in asked}
+    answers = _summarize(pairs, told, names, _find_larger(pairs, told, offer))
+    return Proposal(offer.select(rows), tuple(answers))
 
 
-def offer_readings(nominal: NominalRobot, given: Header | None = None) -> Plan:
-    """Return all available readings throughout the workspace, with given or default instruments."""
+def _find_larger(
+    pairs: Sequence[Pair], told: Sequence[Pair], offer: Plan
+) -> dict[int, float]:
+    """Return how much larger pulls must be for each pair that is not told, by identity.
+
+    Motions and derivatives grow with the pulls, the noise does not.
+    """
+    seen = {id(pair) for pair in told}
+    left = [pair for pair in pairs if id(pair) not in seen]
+    out = {id(pair): np.inf for pair in left}
+    pulled = np.array([hook >= 0 for hook, _ in offer.pulls])[offer.settings[:, 1]]
+    every = range(len(offer.settings))
+    for factor in LARGER:
+        scale = np.where(pulled, factor, 1.0)
+        rivals = {id(pair.rival): pair.rival * scale[:, None] for pair in left}
+        larger = [
+            replace(pair, own=pair.own * scale, rival=rivals[id(pair.rival)])
+            for pair in left
+        ]
+        enough = judge_pairs(larger, every) >= AMPLE
+        out |= {id(pair): factor for pair in compress(left, enough)}
+        left = list(compress(left, ~enough))
+    return out
+
+
+def offer_readings(
+    nominal: NominalRobot, given: Campaign | Header | None = None
+) -> Plan:
+    """Return all available readings throughout the workspace.
+
+    Instruments, hooks and the forces on them are those of a given campaign, where it has any.
+    """
     robot = nominal.robot
     mechanism = nominal.mechanism
     points = np.array([*(joint.at for joint in mechanism.joints), mechanism.tool.at])
@@ -140,9 +173,22 @@ def offer_readings(nominal: NominalRobot, given: Header | None = None) -> Plan:
         field = f"sensors.{strange[0]}.measures"
         raise InputError(f"{field}: expected displacement or rotation in a plan")
     hooks = given.loads if given and given.loads else _place_hooks(robot, size)
-    forces = [size * force * axis for axis in np.eye(3) for size in _SIZES]
-    pulls = [*product(range(len(hooks)), forces)]
+    pulls = _pulls_of(given) if isinstance(given, Campaign) else []
+    if not pulls:
+        forces = [size * force * axis for axis in np.eye(3) for size in _SIZES]
+        pulls = [*product(range(len(hooks)), forces)]
     return cross_plan(poses, sensors, hooks, [*pulls, (-1, np.zeros(3))])
+
+
+def _pulls_of(campaign: Campaign) -> list[tuple[int, Array]]:
+    """Return the forces on hooks that a campaign's readings have, each once: what the lab can apply."""
+    force = campaign.wrench[:, :3]
+    hooked = (campaign.load >= 0) & (np.nan_to_num(force) != 0.0).any(axis=1)
+    found = {
+        (int(hook), tuple(newtons.tolist()))
+        for hook, newtons in zip(campaign.load[hooked], force[hooked], strict=True)
+    }
+    return [(hook, np.array(newtons)) for hook, newtons in sorted(found)]
 
 
 def plan_campaign(nominal: NominalRobot, offer: Plan) -> Campaign:
@@ -250,7 +296,10 @@ def _pair_up(
 
 
 def _summarize(
-    pairs: Sequence[Pair], told: Sequence[Pair], asked: set[str]
+    pairs: Sequence[Pair],
+    told: Sequence[Pair],
+    asked: set[str],
+    larger: Mapping[int, float],
 ) -> list[Answered]:
     """Gather the parameters by pair of causes."""
     answers: dict[tuple[str, str], list[Pair]] = {}
@@ -264,6 +313,7 @@ def _summarize(
             min((p.log_odds for p in some if id(p) in seen), default=0.0),
             tuple(p.parameter for p in some if id(p) not in seen),
             second in asked,
+            max(larger.get(id(p), 1.0) for p in some),
         )
         for (first, second), some in answers.items()
     ]

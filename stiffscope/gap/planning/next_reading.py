@@ -11,7 +11,7 @@ from stiffscope.errors import InputError
 from stiffscope.gap.campaign.writing import describe_sensor
 from stiffscope.gap.forward.forward_model import Trial
 from stiffscope.gap.forward.robot_model import RobotModel
-from stiffscope.gap.inference.findings import COMPETING
+from stiffscope.gap.inference.settings import GROUPS
 from stiffscope.gap.planning.candidates import offer_readings, plan_campaign
 from stiffscope.gap.planning.experiment_design import next_measurement
 
@@ -42,7 +42,7 @@ def find_next(
         Whether the verdict itself is open; otherwise there is a group if effects are confused.
     """
     best = found.best
-    limit = COMPETING * found.probability[0]
+    limit = GROUPS.competing * found.probability[0]
     rivals = [h for h, p in found.ranked if h is not best and p >= limit][:_RIVALS]
     rivals += [
         twin for twin, _ in zip(_exchange_twins(best), range(_RIVALS), strict=False)

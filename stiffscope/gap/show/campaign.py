@@ -60,6 +60,7 @@ def plan_json(proposal: Proposal) -> dict[str, Any]:
                 "second": pair.second,
                 "ln_odds": pair.log_odds,
                 "hidden": list(pair.hidden),
+                "larger_pulls": pair.larger if np.isfinite(pair.larger) else None,
                 "asked": pair.asked,
             }
             for pair in proposal.pairs
@@ -93,14 +94,24 @@ def show_plan(proposal: Proposal, names: Sequence[str]) -> None:
 
 def _show_pairs(title: str, pairs: Sequence[Answered]) -> None:
     rows = [
-        [p.first, p.second, f"{p.log_odds:.3g}", ", ".join(p.hidden)]
+        [p.first, p.second, f"{p.log_odds:.3g}", ", ".join(p.hidden), _cure(p)]
         for p in pairs[:_PAIRS]
     ]
     pair = "true", "instead"
     if rows:
-        show_table(title, [pair, ["ln-odds", "unresolved"]], rows, prose=pair)
+        columns = ["ln-odds", "unresolved", "what would resolve it"]
+        show_table(title, [pair, columns], rows, prose=pair)
     if len(pairs) > _PAIRS:
         show_line(f"and {len(pairs) - _PAIRS} more: see --json")
+
+
+def _cure(pair: Answered) -> str:
+    """Return what would resolve the hidden parameters of a pair."""
+    if not pair.hidden:
+        return ""
+    if np.isinf(pair.larger):
+        return "none of these readings"
+    return f"pulls {pair.larger:g} times as large"
 
 
 def campaign_json(
@@ -148,7 +159,7 @@ def _sensor(c: Campaign, k: int) -> dict[str, Any]:
     frame = {"frame": s.frame, "at_sigma": s.at_sigma} if s.absolute else {}
     return {
         "measures": s.measures,
-        "body": s.body,
+        "body": s.place,
         "direction": list(s.direction),
         "against": s.against,
         **frame,

@@ -190,6 +190,8 @@ def parameters(effect: Effect) -> list[tuple[str, ...]]:
 
 def quantity(parameter: Parameter) -> str:
     """Return value ± σ with two digits of σ in a suitable unit: "5.00 ± 0.12 nm/N"."""
+    if math.isnan(parameter.value):
+        return "undetermined"
     factor, unit = _multiple(parameter)
     value = parameter.value / factor
     sigma = parameter.sigma / factor

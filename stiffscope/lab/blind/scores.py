@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     Same = Callable[[str], str]
 
-GROUP = 3  # largest group in which a diagnosis may name the truth
+GROUP = 6  # largest group that a diagnosis lists: beyond, it does not name the truth
 EVIDENT = 10.0  # ln-odds over no effect above which a single effect must be found
 HONEST = 1.2  # largest held-out gap over the noise floor
 TENTHS = 10
@@ -53,7 +53,7 @@ class Outcome:
 
     @property
     def right(self) -> bool:
-        """Whether the diagnosis is correct, each effect itself or in a group of at most three."""
+        """Whether the diagnosis is correct, each effect itself or in a group of at most six."""
         if self.kind == "none":
             return self.verdict == "no-gap"
         if self.kind == "outside":

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 GROUND = "ground"
 ENDS = ("base", "tip")
+HOME = "home"  # name of the pose that the file describes
 
 
 @dataclass(frozen=True)
@@ -60,11 +61,18 @@ class RobotFile:
     copied: Mapping[str, Turned] = field(default_factory=dict)
     tolerances: Mapping[Key, float] = field(default_factory=dict)
     source: Source = field(default_factory=lambda: Source(Path(), ""), compare=False)
+    home: tuple[float, ...] = field(default=(), compare=False)
+    """Pose that the file describes, m and rad; empty until the file is checked."""
 
     @property
     def path(self) -> Path:
         """Path of the file."""
         return self.source.path
+
+    @property
+    def known_poses(self) -> dict[str, tuple[float, ...]]:
+        """Poses by name: home, and those of `[poses]`, which may name another one so."""
+        return {HOME: self.home, **self.poses}
 
     def refuse(self, key: Key, message: str) -> InputError:
         """Return an error for a key that names its `--set` override, or file and line."""

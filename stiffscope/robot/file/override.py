@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
 from dataclasses import asdict, dataclass
@@ -67,6 +68,14 @@ class Override:
     value: Any
     text: str
     is_typed: bool = False
+
+
+def write_override(name: str, value: Any) -> str:
+    """Return an override for `--set`."""
+    text = (
+        json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)
+    )
+    return f"{name}={text}"
 
 
 def apply_overrides(

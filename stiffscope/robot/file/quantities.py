@@ -222,7 +222,9 @@ def _parse(text: str, dimension: Dimension, message: str) -> float:
     try:
         factor = _factor(unit, dimension.unit) if unit else 1.0
     except Exception as error:
-        raise ValueError(f"{message}{_why(unit)}") from error
+        raise ValueError(
+            f"{message}{_why(unit)}{weight_of(unit, dimension)}"
+        ) from error
     # "7 mm" is 0.007 m: results are found by their inputs
     return float(f"{number * factor:.15g}") if unit else number
 
@@ -265,6 +267,21 @@ def _check_unit(text: str) -> None:
     product = _POWER.sub("", text)
     if "**" in product or not _PRODUCT.fullmatch(product):
         raise ValueError(f"{text} is not a unit")
+
+
+def weight_of(unit: str, dimension: Dimension) -> str:
+    """End of a message: the unit of force whose mass was given for it, if one was."""
+    try:
+        _check_unit(unit)
+        mass = _registry().parse_units(unit).dimensionality
+        force = _registry().parse_units(dimension.unit).dimensionality
+    except Exception:  # noqa: BLE001 (pint raises a dozen kinds, even ZeroDivisionError)
+        return ""
+    acceleration = _registry().parse_units("m/s**2").dimensionality
+    if force != mass * acceleration:
+        return ""
+    weight = re.sub(r"\b(kg|lb)\b", r"\1f", unit)
+    return f'; for its weight write "{weight if weight != unit else "kgf"}"'
 
 
 def _why(unit: str) -> str:

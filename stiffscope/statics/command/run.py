@@ -38,6 +38,7 @@ from stiffscope.report.kept_pictures import order_run, plain_robot, write_pictur
 from stiffscope.report.run_report import write_run_report
 from stiffscope.report.terminal import record_shown
 from stiffscope.robot.library import find_robot
+from stiffscope.robot.parameters import parameters
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.output import write_json
 from stiffscope.runtime.workshop import workshop
@@ -129,9 +130,25 @@ def run(
             part: compliance_json(robot, result) for part, result in now.results.items()
         }
         answer = {"parts": tested, **_stiffness(now, states["now"])}
-        emit(output, answer, show, manifest=manifest, fill=fill, page=page)
+        emit(
+            output,
+            answer,
+            show,
+            manifest=manifest,
+            fill=fill,
+            page=page,
+            following=_suggest(name, now),
+        )
         report("done", 1.0)
     warn_of_robot(now, parts=not output.loud)
+
+
+def _suggest(name: str, now: Assembled) -> str:
+    """Return what to ask next: the effect of a change, what changes most, and a page with sliders."""
+    names = [each.name for each in parameters(now.robot)]
+    of_parts = [each for each in names if each.split(".")[0] in now.robot.parts]
+    change = "".join(f"run {name} --set {key}=..., " for key in (of_parts or names)[:1])
+    return f"stiffscope {change}sensitivity {name}, or live {name}"
 
 
 def _load_checked(

@@ -49,9 +49,10 @@ def modes_json(found: Modes) -> dict[str, Any]:
 def draw_modes(
     assembled: Assembled, names: Sequence[str], found: Modes, folder: Path
 ) -> None:
-    """Draw each mode at each pose, coloured by energy: ``mode_POSE_NUMBER.png`` and ``….gif``.
+    """Draw each mode at each pose, coloured by energy: ``mode_POSE_NUMBER.png``.
 
-    Log a warning and omit them if this machine cannot draw.
+    Those of the first pose move, too (``….gif``); the page moves all of them. Log a warning and
+    omit them if this machine cannot draw.
 
     Parameters
     ----------
@@ -81,9 +82,9 @@ def draw_modes(
             stem = f"mode_{pose}_{i + 1}"
             still = {"file": f"{stem}.png", "moves": frames[-1], "before": here.moves}
             stills.append(shown | still)
-            moving.append(
-                shown | {"file": f"{stem}.gif", "frames": frames, "order": order}
-            )
+            if k == 0:
+                film = {"file": f"{stem}.gif", "frames": frames, "order": order}
+                moving.append(shown | film)
     starts = (
         (each, k) for each in (moving, stills) for k in range(0, len(each), _TOGETHER)
     )

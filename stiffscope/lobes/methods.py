@@ -1,0 +1,194 @@
+"""Limits of a cut by either method: at given speeds, over a range, and at its worst speed."""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from stiffscope.lobes.floquet import interrupted_depths, interrupted_limits
+from stiffscope.lobes.limits import Limits
+from stiffscope.lobes.zero_order import depth_scale, find_critical, zero_order_limits
+
+if TYPE_CHECKING:
+    from stiffscope.lobes.engagement import Engagement
+    from stiffscope.lobes.response import ToolResponse
+    from stiffscope.runtime.types import Array, Indices
+
+Method = Literal["zero-order", "all-harmonics"]
+
+_A_LOBE = 6  # speeds for each lobe of the fastest mode, in the search for the worst
+_RESONANCE = 1.5  # damping ratios between two speeds, at most
+_MOST = 240
+_ZOOMS = 2
+_SPLITS = 4  # speeds in each
+_STRIDE = 16  # speeds between those of a sweep that are always solved
+_SMOOTH = 3e-3  # misfit of a parabola's ln(depth), up to which speeds are interpolated
+
+
+def limits_at(
+    response: ToolResponse, cut: Engagement, speeds: Array, method: Method
+) -> Limits:
+    """Return the limits (n, s) of n poses at spindle speeds.
+
+    Parameters
+    ----------
+    response, cut
+        Response of the tool, and engagement.
+    speeds
+        Spindle speeds (s,), the same at each pose, or (n, s), rev/s.
+    method
+        Zero order, or all harmonics for interrupted cuts.
+    """
+    if method == "zero-order":
+        return zero_order_limits(response, cut, speeds)
+    n = len(response)
+    speeds = np.broadcast_to(speeds, (n, np.shape(speeds)[-1]))
+    pose = np.repeat(np.arange(n), speeds.shape[1])
+    scale = depth_scale(response, cut)
+    found = interrupted_limits(response[pose], cut, speeds.ravel(), scale[pose])
+    return found.reshape(*speeds.shape)
+
+
+def sweep_limits(
+    response: ToolResponse, cut: Engagement, speeds: Array, method: Method
+) -> Limits:
+    """Return the limits (n, s) of n poses at ascending spindle speeds (s,), rev/s.
+
+    With all harmonics speeds are interpolated where the limit varies smoothly: intervals are
+    halved until their middle lies on a straight line.
+    """
+    count = len(speeds)
+    if method == "zero-order" or count <= 2 * _STRIDE:
+        return limits_at(response, cut, speeds, method)
+    scale = depth_scale(response, cut)
+    knots = np.unique(np.append(np.arange(0, count, _STRIDE), count - 1))
+    pose = np.repeat(np.arange(len(response)), len(knots))
+    place = np.tile(knots, len(response))
+    whole = _Sweep(response, cut, speeds, scale)
+    whole.solve(pose, place)
+    pose = np.repeat(np.arange(len(response)), len(knots) - 1)
+    low = np.tile(knots[:-1], len(response))
+    high = np.tile(knots[1:], len(response))
+    while len(pose):
+        wide = high - low > 1
+        pose, low, high = pose[wide], low[wide], high[wide]
+        middle = (low + high) // 2
+        whole.solve(pose, middle)
+        smooth = whole.is_smooth(pose, low, middle, high)
+        whole.interpolate(pose[smooth], low[smooth], middle[smooth])
+        whole.interpolate(pose[smooth], middle[smooth], high[smooth])
+        pose = np.tile(pose[~smooth], 2)
+        low = np.concatenate([low[~smooth], middle[~smooth]])
+        high = np.concatenate([middle[~smooth], high[~smooth]])
+    return whole.limits
+
+
+class _Sweep:
+    """Limits (n, s) that are filled speed by speed."""
+
+    limits: Limits
+
+    def __init__(
+        self, response: ToolResponse, cut: Engagement, speeds: Array, scale: Array
+    ) -> None:
+        self.response = response
+        self.cut = cut
+        self.speeds = speeds
+        self.scale = scale
+        n, m = response.squares.shape
+        one = np.zeros((n, len(speeds)))
+        each = np.zeros((n, len(speeds), m))
+        self.limits = Limits(
+            depth=one.copy(),
+            speed=one + speeds,
+            omega=one.copy(),
+            shares=each.copy(),
+            slope=one.copy(),
+            by_rate=each.astype(complex),
+            by_damping=each.astype(complex),
+        )
+
+    def solve(self, pose: Indices, place: Indices) -> None:
+        """Compute the limits of some pairs of pose and speed."""
+        if not len(pose):
+            return
+        speeds = self.speeds[place]
+        some = interrupted_limits(
+            self.response[pose], self.cut, speeds, self.scale[pose]
+        )
+        for field in fields(Limits):
+            getattr(self.limits, field.name)[pose, place] = getattr(some, field.name)
+
+    def is_smooth(
+        self, pose: Indices, low: Indices, middle: Indices, high: Indices
+    ) -> Array:
+        """Return whether the middle lies on the line between both ends."""
+        at = self.speeds
+        share = (at[middle] - at[low]) / (at[high] - at[low])
+        depth = self.limits.depth
+        with np.errstate(invalid="ignore", divide="ignore"):
+            begin = np.log(depth[pose, low])
+            end = np.log(depth[pose, high])
+            apart = np.log(depth[pose, middle]) - begin - share * (end - begin)
+        endless = np.isinf(depth[pose, low]) & np.isinf(depth[pose, high])
+        endless &= np.isinf(depth[pose, middle])
+        return endless | (np.abs(apart) < _SMOOTH)
+
+    def interpolate(self, pose: Indices, low: Indices, high: Indices) -> None:
+        """Fill the speeds between two that are known, linearly; depths by their logarithm."""
+        for step in range(1, _STRIDE):
+            some = low + step < high
+            if not some.any():
+                return
+            where = pose[some], (low + step)[some]
+            begin = pose[some], low[some]
+            end = pose[some], high[some]
+            at = self.speeds
+            share = (at[where[1]] - at[begin[1]]) / (at[end[1]] - at[begin[1]])
+            for field in fields(Limits):
+                values: Any = getattr(self.limits, field.name)
+                weight = share.reshape(-1, *[1] * (values.ndim - 2))
+                if field.name == "depth":
+                    endless = np.isinf(values[begin])  # and so is the end
+                    ratio = np.where(endless, 1.0, values[end])
+                    ratio = ratio / np.where(endless, 1.0, values[begin])
+                    values[where] = values[begin] * ratio**weight
+                else:
+                    values[where] = (1.0 - weight) * values[begin]
+                    values[where] += weight * values[end]
+
+
+def worst_limits(
+    response: ToolResponse,
+    cut: Engagement,
+    ends: tuple[float, float],
+    method: Method,
+) -> Limits:
+    """Return the limits (n,) at the worst speed of a range, rev/s, at each pose.
+
+    With all harmonics the range is sampled, and then more finely around its least depth.
+    """
+    if method == "zero-order":
+        return find_critical(response, cut, ends)
+    n = len(response)
+    poses = np.arange(n)
+    scale = depth_scale(response, cut)
+    fastest = response.rates[response.matters].max() / (2.0 * np.pi)
+    sharpest = response.damping[response.matters].min()
+    dense = 1.0 / (_RESONANCE * sharpest)
+    dense = max(dense, _A_LOBE * fastest / (cut.teeth * ends[0]))
+    count = int(np.clip(dense * np.log(ends[1] / ends[0]), 8, _MOST))
+    speeds = np.broadcast_to(np.geomspace(*ends, count), (n, count))
+    share = np.linspace(0.0, 1.0, _SPLITS + 2)[1:-1]
+    for _ in range(_ZOOMS + 1):
+        pose = np.repeat(poses, speeds.shape[1])
+        depth = interrupted_depths(response[pose], cut, speeds.ravel(), scale[pose])
+        best = depth.reshape(speeds.shape).argmin(axis=1)
+        low = speeds[poses, np.maximum(best - 1, 0)]
+        high = speeds[poses, np.minimum(best + 1, speeds.shape[1] - 1)]
+        worst = speeds[poses, best]
+        finer = low[:, None] + (high - low)[:, None] * share
+        speeds = np.sort(np.concatenate([worst[:, None], finer], axis=1), axis=1)
+    return interrupted_limits(response, cut, worst, scale)
