@@ -1025,6 +1025,27 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
                 "what `parameters` summarize: small errors, largest first; mass and place where moments show",
                 "`unit`; angles as arc length at 1 m",
             ),
+            "responses.*.modes[].measured?": (
+                "of each set-up of frequency responses: measured natural frequency",
+                "Hz",
+            ),
+            "responses.*.modes[].before?": (
+                "frequency of the nominal model's mode of the same shape; null without one",
+                "Hz",
+            ),
+            "responses.*.modes[].after?": ("the same with the effects found", "Hz"),
+            "responses.*.modes[].zeta?": ("damping ratio fitted with these", "1"),
+            "responses.*.modes[].mac_before?": (
+                "MAC of the measured and the nominal model's shape at the points",
+                "1",
+            ),
+            "responses.*.modes[].mac_after?": ("the same with the effects found", "1"),
+            "responses.*.before?": (
+                "rms difference of measured and predicted levels",
+                "dB",
+            ),
+            "responses.*.after?": ("the same with the effects found", "dB"),
+            "responses.*.noise?": ("the same by noise alone", "dB"),
             "drives.*.stated?": (
                 "stiffness of each drive in the robot file",
                 "N/m, N·m/rad",

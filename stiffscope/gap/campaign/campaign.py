@@ -37,6 +37,7 @@ _IS_ABSOLUTE = by_code(lambda kind: kind.is_absolute)
 _SHOWS_REST = by_code(lambda kind: kind.shows_rest)
 _IS_LOADED = by_code(lambda kind: kind.wrench == "applied")
 _AT_AXES = by_code(lambda kind: not kind.instrument)
+_IN_BLOCKS = by_code(lambda kind: kind.predictor is None)
 AT_TOOL = -1
 """Code for no sensor (a quantity at M), and for no load point (a wrench at M)."""
 
@@ -265,6 +266,11 @@ class Campaign:
     def shows_rest(self) -> Flags:
         """Flags (n,) of readings that show weight and geometric errors: deviations, positions."""
         return _SHOWS_REST[self.quantity]
+
+    @property
+    def in_blocks(self) -> Flags:
+        """Flags (n,) of readings that are predicted in blocks: lines of responses."""
+        return _IN_BLOCKS[self.quantity]
 
     @property
     def kind_numbers(self) -> Indices:

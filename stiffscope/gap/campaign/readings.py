@@ -343,7 +343,10 @@ def match_robot(campaign: Campaign, robot: RobotFile) -> Campaign:
     campaign = _state_weight(campaign, robot)
     if not len(campaign):
         names = tuple(robot.tool.pose)
-        return replace(campaign, poses=np.zeros((0, len(names))), coordinates=names)
+        poses = (
+            campaign.poses if len(campaign.pose_names) else np.zeros((0, len(names)))
+        )
+        return replace(campaign, poses=poses, coordinates=names)
     if len(campaign.poses) > MOST_POSES:
         where = campaign.where(int(np.argmax(campaign.pose >= MOST_POSES)))
         most = f"expected at most {MOST_POSES:,} different poses"
