@@ -1,5 +1,7 @@
 """Published datasets converted: the robot file has the authors' geometry, the campaign their readings."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
@@ -7,6 +9,7 @@ from scipy.io import savemat
 
 from examples.measured import dropbear, hilti
 from examples.measured.arm import write_positions
+from examples.measured.ladder import fit_ladder
 from examples.measured.motoman import ARMS, JOINTS, convert
 from stiffscope.gap.campaign.readings import load_campaign, match_robot
 from stiffscope.gap.campaigns import diagnose, open_case
@@ -198,3 +201,19 @@ def test_postures_are_labelled_in_degrees(tmp_path):
     case = open_case(tmp_path)
     matched = match_robot(case.campaign, case.robot)
     assert matched.pose_names == ("(1, 2, 3, -4, 5, 6.25 deg)",)
+
+
+def test_the_ladder_ends_where_planted_errors_of_axes_are_found():
+    """Positions of an arm with a wrong zero and a wrong axis: zeros leave a rest, axes none."""
+    rng = np.random.default_rng(2)
+    arm = ARMS["left"]
+    home = np.array([-0.2, 0.8, -0.6, 1.7, 0.3, 1.5])
+    angles = home + rng.uniform(-0.6, 0.6, (25, 6))
+    rows = list(arm.rows)
+    rows[1] = (rows[1][0], rows[1][1], rows[1][2] + 1e-3, rows[1][3])
+    rows[2] = (*rows[2][:3], rows[2][3] + 2e-3)
+    true = replace(arm, rows=tuple(rows))
+    seen = np.array([true.target_at(each) for each in angles])
+    left = {name: fitted for name, fitted, _ in fit_ladder(arm, angles, seen)}
+    assert left["+ zeros"] > 1e-5
+    assert left["+ axes"] < 1e-8
