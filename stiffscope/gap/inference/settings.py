@@ -18,7 +18,7 @@ class VerdictSettings:
     mentioned: int = 3
     """Patterns: most mentioned as substitutes of an effect."""
     explains: float = 0.05
-    """Part of the gap beyond the noise: an effect whose share of what all explain is less is not
+    """Part of the gap beyond the noise: an effect without which no more than this is left is not
     certain, whatever its probability. Errors of a model are of this size."""
     unlisted: float = 0.5
     """Probability: of a cause outside the vocabulary once no known effect explains the gap."""
@@ -134,6 +134,12 @@ class SearchSettings:
     tell it."""
     gain: float = 1.0
     """Least ln-odds gained by another effect to continue."""
+    seeded: int = 12
+    """Most hypotheses of a coarser model from which a search starts,"""
+    seeded_within: float = 100.0
+    """within this ln-odds of its best,"""
+    seeded_least: int = 4
+    """and regardless of that."""
 
 
 SEARCH = SearchSettings()
@@ -178,6 +184,9 @@ class FitTestSettings:
     """Degrees of freedom of a noise that is known."""
     observable: float = 0.05
     """Least fraction of the mean of a group that the fit leaves."""
+    missed: float = 2.0
+    """χ² per line of a response from which no effect is certain: resonances beside the measured
+    ones, which any set of effects follows in part."""
 
 
 TESTS = FitTestSettings()
