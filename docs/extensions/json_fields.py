@@ -125,8 +125,9 @@ RESPONSES = {
     "mass": ("mass of the robot's solids and rigid bodies", "kg"),
 }
 NEXT = (
-    "best next reading, or null: pose (`pose` or coordinates by name), `wrench` at M or `load`, "
-    "`quantity` or `sensors`; `separates`: explanations it distinguishes; `expected_gain`: expected ln-odds; "
+    "best next reading, or null: pose (`pose` or coordinates by name; of drives also `label`, mm and deg), "
+    "`wrench` at M or `load`, `quantity` or `sensors`; `separates`: explanations it distinguishes; "
+    "`expected_gain`: expected ln-odds; "
     "`new`: sensors and load points that the campaign lacks, by name, as in campaign.toml"
 )
 SHARES = {
@@ -1024,6 +1025,27 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
                 "what `parameters` summarize: small errors, largest first; mass and place where moments show",
                 "`unit`; angles as arc length at 1 m",
             ),
+            "responses.*.modes[].measured?": (
+                "of each set-up of frequency responses: measured natural frequency",
+                "Hz",
+            ),
+            "responses.*.modes[].before?": (
+                "frequency of the nominal model's mode of the same shape; null without one",
+                "Hz",
+            ),
+            "responses.*.modes[].after?": ("the same with the effects found", "Hz"),
+            "responses.*.modes[].zeta?": ("damping ratio fitted with these", "1"),
+            "responses.*.modes[].mac_before?": (
+                "MAC of the measured and the nominal model's shape at the points",
+                "1",
+            ),
+            "responses.*.modes[].mac_after?": ("the same with the effects found", "1"),
+            "responses.*.before?": (
+                "rms difference of measured and predicted levels",
+                "dB",
+            ),
+            "responses.*.after?": ("the same with the effects found", "dB"),
+            "responses.*.noise?": ("the same by noise alone", "dB"),
             "drives.*.stated?": (
                 "stiffness of each drive in the robot file",
                 "N/m, N·m/rad",
@@ -1068,6 +1090,7 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             ),
             "where.left_by_sensor": ("remaining gap by sensor", "1"),
             "where.poses": ("names of the poses", ""),
+            "where.rows": ("file and line of the first reading at each pose", ""),
             "where.pose": (
                 "[pose][x y z rx ry rz]: rms of the residuals; null without readings",
                 "σ",
@@ -1130,6 +1153,10 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "outcomes[].left_out": ("effect removed from the library; null: none", ""),
             "outcomes[].imitated": (
                 "effect outside the library: whether three known effects reproduce its readings",
+                "",
+            ),
+            "outcomes[].redrawn": (
+                "effects drawn before, with which EXUDYN found no equilibrium",
                 "",
             ),
             "outcomes[].verdict": ("verdict of the diagnosis", ""),

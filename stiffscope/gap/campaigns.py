@@ -122,16 +122,17 @@ def diagnose_case(case: Case, nominal: Assembled | None, shop: Workshop) -> Diag
     """
     if nominal is None:
         return diagnose_campaign(case.campaign)
-    if not len(case.campaign):
-        expected = "expected a table of readings: responses alone are not diagnosed"
-        raise case.campaign.refuse(("readings",), f"{expected}, only checked")
     for remark in inspect_extremes(case.campaign, nominal.mechanism, _REFUSED):
         raise InputError(remark.text)
     carrying = NominalRobot(
         nominal.mechanism, nominal.robot, tested_dimensions(nominal, shop)
     )
     loaded = case.campaign.select(np.flatnonzero(~find_unloaded(case.campaign)))
-    found = diagnose_campaign(loaded, carrying, shop.open_line("diagnosis"))
+    responses = load_responses(
+        case.folder, case.campaign, nominal.robot, nominal.mechanism
+    )
+    line = shop.open_line("diagnosis")
+    found = diagnose_campaign(loaded, carrying, line, responses)
     doubts = (
         *inspect_extremes(case.campaign, nominal.mechanism),
         *inspect_mechanics(case.campaign),
@@ -140,19 +141,9 @@ def diagnose_case(case: Case, nominal: Assembled | None, shop: Workshop) -> Diag
         found,
         remarks=(
             *(doubt.text for doubt in doubts),
-            *_remark_responses(case.campaign),
             *found.remarks,
         ),
     )
-
-
-def _remark_responses(campaign: Campaign) -> list[str]:
-    """Return a remark on what a diagnosis does not use."""
-    if not campaign.responses:
-        return []
-    names = ", ".join(setup.name for setup in campaign.responses)
-    compared = "`campaign check` compares them with the model"
-    return [f"frequency responses ({names}) are not diagnosed; {compared}"]
 
 
 def open_case(

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError, say_count
+from stiffscope.gap.campaign.response_lines import place_at_responses
 from stiffscope.gap.drive_table import list_drives
 from stiffscope.gap.forward.column_model import ColumnModel
+from stiffscope.gap.forward.joint_model import JointModel
 from stiffscope.gap.forward.misread_frames import find_misread
 from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
 from stiffscope.gap.forward.robot_model import RobotModel
@@ -52,11 +54,13 @@ from stiffscope.gap.inference.verdict import (
     shares,
 )
 from stiffscope.gap.planning.next_reading import find_next
+from stiffscope.gap.response_modes import describe_responses
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.gap.campaign.measured_responses import MeasuredResponses
     from stiffscope.gap.forward.forward_model import Candidate, ForwardModel
     from stiffscope.gap.inference.averaging import Averaged
     from stiffscope.gap.inference.findings import Findings
@@ -80,6 +84,7 @@ def diagnose_campaign(
     campaign: Campaign,
     robot: NominalRobot | None = None,
     progress: Progress | None = None,
+    responses: Sequence[MeasuredResponses] = (),
 ) -> Diagnosis:
     """Diagnose the gap between a campaign's readings and their model.
 
@@ -92,6 +97,8 @@ def diagnose_campaign(
         header lists it as modelled.
     progress
         Called with a stage's name and its fraction done.
+    responses
+        Frequency responses of the campaign, read by `load_responses`.
 
     Raises
     ------
@@ -99,19 +106,29 @@ def diagnose_campaign(
         For unreachable poses, frames read in mirrored axes or another unit, or if there is neither
         a robot nor predictions.
     """
-    model = forward_model(campaign, robot)
-    for _, error in find_misread(RobotAtPoses(robot, model.campaign)) if robot else ():
-        raise error
+    if robot is not None and len(campaign):
+        read = RobotModel(campaign, robot).campaign
+        for _, error in find_misread(RobotAtPoses(robot, read)):
+            raise error
+    model = forward_model(campaign, robot, responses)
     return conclude(find(model, progress))
 
 
-def forward_model(campaign: Campaign, robot: NominalRobot | None) -> ForwardModel:
+def forward_model(
+    campaign: Campaign,
+    robot: NominalRobot | None,
+    responses: Sequence[MeasuredResponses] = (),
+) -> ForwardModel:
     """Return a campaign's forward model. Raises InputError without robot or predictions."""
     if campaign.predictions:
         return ColumnModel(campaign)
     if robot is None:
         raise InputError("campaign: expected a robot or predictions, got neither")
-    return RobotModel(campaign, robot)
+    if not responses:
+        return RobotModel(campaign, robot)
+    if not len(campaign):
+        campaign = place_at_responses(campaign, responses)
+    return JointModel(RobotModel(campaign, robot), tuple(responses))
 
 
 def conclude(found: Findings) -> Diagnosis:
@@ -140,6 +157,8 @@ def conclude(found: Findings) -> Diagnosis:
     residual = found.held_out_residual(reported)
     check, held_out = _check(found, reported, residual)
     gap = _gap(found, reported, residual)
+    responses, gaps = describe_responses(found, reported)
+    gap = replace(gap, absolute={**gap.absolute, **gaps})
     beyond = judgement.verdict in {"partly", "unexplained"}
     together = correlation(found, reported)
     listed = 1.0 - VERDICT.unlisted if judgement.verdict == "unexplained" else 1.0
@@ -187,6 +206,7 @@ def conclude(found: Findings) -> Diagnosis:
         beside=tuple(
             _describe(found, joint, reported, c, [(joint, 1.0)]) for c in beside
         ),
+        responses=responses,
         drives=list_drives(found, joint if effects else found.none, left),
     )
 

@@ -9,6 +9,7 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.gap.effects.drives import ActuatorStiffness
 from stiffscope.gap.effects.elements import along_drive
+from stiffscope.gap.forward.joint_model import JointModel
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.inference.diagnosis import DriveStiffness
 
@@ -38,7 +39,7 @@ def list_drives(
         Factor on covariances, as of the reported parameters.
     """
     model = found.model
-    if not isinstance(model, RobotModel):
+    if not isinstance(model, RobotModel | JointModel):
         return {}
     out: dict[str, DriveStiffness] = {}
     spreads = _find_spreads(found, model, joint)

@@ -488,6 +488,7 @@ RECORDS: dict[str, tuple[Recorded, ...]] = {
     "stiffness": (STIFF,),
     "push": (STIFF,),  # as the plan says
     "frequency": (),  # no modal test is simulated
+    "response": (),  # the same
     "position": (DEFLECTED, DEVIATED),  # displacements, until `measure` adds places
 }
 """What the laboratory records for each kind of a campaign; none if it does not measure it."""

@@ -29,6 +29,7 @@ class LinearModel:
     library: tuple
     most_effects: int = 5
     tried: tuple = ()
+    coarse: None = None
 
     def admits(self, candidates):
         return len({c.name for c in candidates}) == len(candidates)

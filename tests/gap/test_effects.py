@@ -23,7 +23,10 @@ from tests.robots import nominal_robot
 
 UNITS = {"1", "m", "rad", "kg", "K", "N", "N·m", "m/N", "rad/(N·m)", "rad/m", "rad/N"}
 UNITS |= {"Pa", "1/(N·m)", "N/m³", "SI", ""}
-WITHOUT_LAB = {"geometry": "many joint axes and zeros, which the laboratory has singly"}
+WITHOUT_LAB = {
+    "geometry": "many joint axes and zeros, which the laboratory has singly",
+    "sensor-mass": "the laboratory has no hammer; tests/gap/test_struck_robots.py has",
+}
 DOUBTS = Doubts(
     {"gauge": 1e3},
     ("gauge",),
@@ -36,6 +39,7 @@ SETTING = Setting(
     sensors={"gauge": True},
     doubts=DOUBTS,
     load_values=((10.0, "N"), (20.0, "N"), (30.0, "N")),
+    points={"7": True},
 )
 DELTA = load_robot("delta")
 BEAMS = NominalRobot(mechanism_of(DELTA, part_matrices(DELTA, "beam")), DELTA)

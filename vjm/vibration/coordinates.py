@@ -75,7 +75,8 @@ class Coordinates:
 
     ``twists`` of every node at M in base axes. ``strains`` by element: half their squares is strain
     energy, J. ``springs`` by element: F⁺ᵀ (6, r), which maps its r spring strains to its wrench.
-    ``inertias``: half the squares of their rates is kinetic energy. ``rates`` of the driven
+    ``inertias``: half the squares of their rates is kinetic energy; ``carriers`` of each: by node,
+    the wrench (n or 1, 6, r) at M in base axes per unit of its r rows. ``rates`` of the driven
     motions. ``constraints`` (6 rows each) of the loops, relative to ``length``.
     """
 
@@ -87,6 +88,7 @@ class Coordinates:
     strains: dict[str, list[Rows]] = field(default_factory=dict[Any, Any])
     springs: dict[str, Array] = field(default_factory=dict[Any, Any])
     inertias: list[Rows] = field(default_factory=list[Any])
+    carriers: list[dict[str, Array]] = field(default_factory=list[Any])
     rates: list[Rows] = field(default_factory=list[Any])
     constraints: list[Rows] = field(default_factory=list[Any])
 
@@ -117,9 +119,30 @@ class Coordinates:
         """Mass (n, size, size), before the constraints."""
         return self.gram(self.inertias)
 
+    def add_inertia(self, ends: dict[str, Array], factor: Array) -> Rows:
+        """Add the kinetic energy of nodes, half the squares of rates of r rows, and return these.
+
+        Parameters
+        ----------
+        ends
+            By node, its twist (n or 1, 6, 6) at a point in axes of its own, per twist at M.
+        factor
+            Rows (r, 6 k), or wider for coordinates that follow, of the k twists.
+        """
+        parts = np.split(factor[:, : 6 * len(ends)], len(ends), axis=1)
+        carried = {
+            node: (part @ back).mT
+            for (node, back), part in zip(ends.items(), parts, strict=True)
+        }
+        moved = [self.twists[node].after(back.mT) for node, back in carried.items()]
+        rows = reduce(Rows.plus, moved)
+        self.carriers.append(carried)
+        self.inertias.append(rows)
+        return rows
+
     def some(self, index: NDArray[np.intp]) -> Coordinates:
         """Return the coordinates at some of the poses."""
-        keys = ("twists", "strains", "inertias", "rates", "constraints")
+        keys = ("twists", "strains", "inertias", "carriers", "rates", "constraints")
         picked = {key: _pick_rows(getattr(self, key), index) for key in keys}
         return replace(self, where=self.where.some(index), **picked)
 
@@ -148,16 +171,39 @@ class PointMass:
 
 def add_point_mass(system: Coordinates, point: PointMass) -> None:
     """Add the kinetic energy of a point mass. InputError if its node is unknown."""
-    if point.node not in system.twists:
-        known = ", ".join(system.twists)
-        raise InputError(
-            f"expected a body or an end of one, {known}, got {point.node!r}"
-        )
+    _check_node(system, point.node)
     where = system.where
     at = np.asarray(point.at, dtype=float)
-    velocity = shift(where.point(point.node, at) - where.tool)[..., :3, :]
-    rows = system.twists[point.node].after(np.sqrt(point.mass) * velocity)
-    system.inertias.append(rows)
+    velocity = shift(where.point(point.node, at) - where.tool)
+    system.add_inertia({point.node: velocity}, np.sqrt(point.mass) * np.eye(6)[:3])
+
+
+@dataclass(frozen=True, eq=False)
+class PointSpring:
+    """A spring from the ground to a node at the home point ``at`` (3,), m.
+
+    ``stiffness`` (6, 6) in base axes, N/m and N·m/rad, positive semidefinite.
+    """
+
+    node: str
+    at: Array
+    stiffness: Array
+
+
+def add_point_spring(system: Coordinates, spring: PointSpring) -> None:
+    """Add the strain energy of a spring to the ground. InputError if its node is unknown."""
+    _check_node(system, spring.node)
+    where = system.where
+    carry = shift(where.point(spring.node, np.asarray(spring.at)) - where.tool)
+    factor = factor_semidefinite(spring.stiffness, f"a spring at {spring.node}")
+    strained = system.twists[spring.node].after(factor @ carry)
+    system.strains.setdefault(f"<spring at {spring.node}>", []).append(strained)
+
+
+def _check_node(system: Coordinates, node: str) -> None:
+    if node not in system.twists:
+        known = ", ".join(system.twists)
+        raise InputError(f"expected a body or an end of one, {known}, got {node!r}")
 
 
 def _pick_rows(rows: Any, index: NDArray[np.intp]) -> Any:
@@ -166,6 +212,8 @@ def _pick_rows(rows: Any, index: NDArray[np.intp]) -> Any:
         return (
             rows if len(rows.matrix) == 1 else replace(rows, matrix=rows.matrix[index])
         )
+    if isinstance(rows, np.ndarray):
+        return rows if len(rows) == 1 else rows[index]
     if isinstance(rows, list):
         return [_pick_rows(each, index) for each in cast("list[Any]", rows)]
     return {
@@ -298,10 +346,10 @@ def _add_inertia(out: Coordinates, body: Body) -> None:
     where = out.where
     elastic = body.elastic
 
-    def express_twist(node: str, home: Array, axes: Array) -> Rows:
-        """Return a node's twist at a point of its own, in axes fixed to it."""
+    def find_back(node: str, home: Array, axes: Array) -> Array:
+        """Return a node's twist (n or 1, 6, 6) at a point, in axes fixed to it, per twist at M."""
         frame = Frame(where.rotation[node] @ axes, where.point(node, home) - where.tool)
-        return out.twists[node].after(frame.inverse_adjoint())
+        return frame.inverse_adjoint()
 
     if elastic is None:
         centre = np.zeros(3) if body.centre is None else body.centre
@@ -310,21 +358,24 @@ def _add_inertia(out: Coordinates, body: Body) -> None:
         if body.inertia is not None:
             whole[3:, 3:] = 0.5 * (body.inertia + body.inertia.T)
         if whole.any():
-            twist = express_twist(body.name, centre, np.eye(3))
-            out.inertias.append(twist.after(factor_semidefinite(whole, body.name)))
+            back = find_back(body.name, centre, np.eye(3))
+            out.add_inertia({body.name: back}, factor_semidefinite(whole, body.name))
         return
     places = zip(body.nodes, elastic.places, strict=True)
-    ends = [express_twist(node, at, elastic.axes) for node, at in places]
+    ends = {node: find_back(node, at, elastic.axes) for node, at in places}
     if elastic.dynamics is None:
         if body.mass:
             share = np.sqrt(body.mass / len(ends)) * np.eye(6)[:3]
-            out.inertias += [end.after(share) for end in ends]
+            for node, back in ends.items():
+                out.add_inertia({node: back}, share)
         return
     squares = elastic.dynamics.squares
-    modal = Rows(out.more(len(squares)), np.eye(len(squares))[None])
-    whole = reduce(Rows.below, [*ends, modal])
-    out.inertias.append(whole.after(elastic.dynamics.factor))
+    factor = elastic.dynamics.factor
+    rows = out.add_inertia(ends, factor)
     if len(squares):
+        modal = Rows(out.more(len(squares)), np.eye(len(squares))[None])
+        inner = modal.after(factor[:, 6 * len(ends) :])
+        out.inertias[-1] = rows.plus(inner)
         out.strains.setdefault(body.name, []).append(
             modal.after(np.diag(np.sqrt(squares)))
         )

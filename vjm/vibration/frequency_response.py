@@ -9,10 +9,7 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.runtime.threads import in_one_thread
-from stiffscope.vjm.model.screws import shift
-from stiffscope.vjm.network.network import END
-from stiffscope.vjm.vibration.coordinates import sum_squares
-from stiffscope.vjm.vibration.pencil import form_pencils
+from stiffscope.vjm.vibration.modal_model import solve_all_modes
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -22,10 +19,9 @@ if TYPE_CHECKING:
     from stiffscope.vjm.kinematics.configurations import Configurations
     from stiffscope.vjm.model.mechanism import Mechanism
     from stiffscope.vjm.model.screws import Array
-    from stiffscope.vjm.vibration.coordinates import Coordinates, PointMass
+    from stiffscope.vjm.vibration.coordinates import PointMass
     from stiffscope.vjm.vibration.pencil import Drives
 
-_FREELY = 1e-6  # of a massless free motion: participation of a port
 _STATIC = (
     1e7  # times the band: frequencies of modes that follow statically, to rounding
 )
@@ -94,27 +90,13 @@ def expand_ports(
     InputError
         If a port has no body or moves freely without inertia.
     """
-    ((pencil, _),) = form_pencils(mechanism, found.require_valid()[:1], drives, masses)
-    vectors = pencil.all_vectors()[1][None]
-    idle = pencil.empty_motions.shape[1]
-    both = np.concatenate([vectors, pencil.empty_motions[None]], axis=2)
-    spread = pencil.basis @ (pencil.scale[:, None] * both)
-    ends = np.array(
-        [_displace_port(pencil.system, port, spread)[0] for port in ports]
-    ).reshape(len(ports), -1)
-    for port, end in zip(ports, ends, strict=True):
-        if idle and np.abs(end[-idle:]).max() > _FREELY * np.abs(end).max():
-            where = port.node or "tool"
-            raise InputError(
-                f"{where}: moves freely there, without stiffness and inertia"
-            )
-    count = vectors.shape[2]
-    full = spread[..., :count]
-    mass = sum_squares(pencil.system.inertias, full)[0]
-    stiffness = sum_squares(pencil.system.strain_rows, full)[0]
-    inert = (mass > 0.0) | (stiffness > 0.0)
-    shown = ends[:, :count][:, inert]
-    return ModalPorts(mass[inert], stiffness[inert], shown, pencil.shift)
+    modal = solve_all_modes(mechanism, found, drives=drives, masses=masses)
+    moved = [
+        np.asarray(port.direction, dtype=float) @ modal.displace(port.node, port.at)
+        for port in ports
+    ]
+    shown = np.array(moved).reshape(len(ports), len(modal.mass))
+    return ModalPorts(modal.mass, modal.stiffness, shown, modal.shift)
 
 
 def keep_modes_below(modal: ModalPorts, frequency: float) -> ModalPorts:
@@ -233,18 +215,3 @@ def frequency_response(
     """
     modal = expand_ports(mechanism, found, (source, target), drives=drives)
     return superpose_modes(modal, [(0, 1)], frequencies, damping)[0]
-
-
-def _displace_port(system: Coordinates, port: Port, vectors: Array) -> Array:
-    """Return the displacement (n, c) of a port for vectors (n, size, c)."""
-    node = END if port.node is None else port.node
-    if node not in system.twists:
-        known = ", ".join(system.twists)
-        raise InputError(f"expected a body or an end of one, {known}, got {node!r}")
-    at, direction = (
-        np.asarray(each, dtype=float) for each in (port.at, port.direction)
-    )
-    carry = shift(system.where.point(node, at) - system.where.tool)
-    return np.einsum(
-        "i,nij,njc->nc", direction, carry, system.twists[node].apply_to(vectors)
-    )

@@ -16,7 +16,11 @@ import numpy as np
 from stiffscope.errors import check_word
 from stiffscope.vjm.model.subspaces import RANK
 from stiffscope.vjm.network.network import place_nodes
-from stiffscope.vjm.vibration.coordinates import add_point_mass, form_coordinates
+from stiffscope.vjm.vibration.coordinates import (
+    add_point_mass,
+    add_point_spring,
+    form_coordinates,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -26,7 +30,11 @@ if TYPE_CHECKING:
     from stiffscope.vjm.kinematics.configurations import Configurations
     from stiffscope.vjm.model.mechanism import Mechanism
     from stiffscope.vjm.model.screws import Array
-    from stiffscope.vjm.vibration.coordinates import Coordinates, PointMass
+    from stiffscope.vjm.vibration.coordinates import (
+        Coordinates,
+        PointMass,
+        PointSpring,
+    )
 
 Drives = Literal["held", "free"]
 NOTHING = 1e-12  # of a scaled matrix's diagonal: zero stiffness or inertia
@@ -93,6 +101,7 @@ def form_pencils(
     found: Configurations,
     drives: Drives = "held",
     masses: Sequence[PointMass] = (),
+    springs: Sequence[PointSpring] = (),
 ) -> Iterator[tuple[Pencil, NDArray[np.intp]]]:
     """Yield pencils of reachable configurations, each with the indices of its configurations.
 
@@ -106,6 +115,8 @@ def form_pencils(
         Drives are springs ("held") or move freely ("free").
     masses
         Added to bodies, such as those of accelerometers.
+    springs
+        From the ground to bodies.
     """
     check_word("drives", drives, get_args(Drives))
     free = [j.name for j in mechanism.drives] if drives == "free" else []
@@ -117,6 +128,8 @@ def form_pencils(
     system = form_coordinates(shaken, place_nodes(found), found.linkage.length, free)
     for mass in masses:
         add_point_mass(system, mass)
+    for spring in springs:
+        add_point_spring(system, spring)
     stiffness = system.stiffness
     mass = system.mass
     everything = np.arange(len(found))

@@ -22,6 +22,7 @@ from stiffscope.gap.campaign.quantities import AXES, kind_of
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from stiffscope.gap.campaign.quantities import ShownIn
     from stiffscope.gap.campaign.response_header import ResponseSetup
     from stiffscope.robot.file.parse import Source
     from stiffscope.runtime.types import Array, Flags, Indices
@@ -36,6 +37,7 @@ _IS_ABSOLUTE = by_code(lambda kind: kind.is_absolute)
 _SHOWS_REST = by_code(lambda kind: kind.shows_rest)
 _IS_LOADED = by_code(lambda kind: kind.wrench == "applied")
 _AT_AXES = by_code(lambda kind: not kind.instrument)
+_IN_BLOCKS = by_code(lambda kind: kind.predictor is None)
 AT_TOOL = -1
 """Code for no sensor (a quantity at M), and for no load point (a wrench at M)."""
 
@@ -159,6 +161,8 @@ class Campaign:
     """Predicted values (n,): `value` for the model under test, rivals by column name."""
     coordinates: tuple[str, ...] = AXES[:3]
     """Names of the k commanded coordinates: tool pose or `q:JOINT`."""
+    shown_in: ShownIn = field(default_factory=dict[str, tuple[float, str]])
+    """Factor from SI and unit in which drives' coordinates are shown, once the robot is known."""
     sensors: tuple[Sensor, ...] = field(default_factory=tuple[Sensor, ...])
     sensor: Indices = field(default_factory=_no_codes)
     """Index (n,) into `sensors`; `AT_TOOL` for quantities at M."""
@@ -262,6 +266,11 @@ class Campaign:
     def shows_rest(self) -> Flags:
         """Flags (n,) of readings that show weight and geometric errors: deviations, positions."""
         return _SHOWS_REST[self.quantity]
+
+    @property
+    def in_blocks(self) -> Flags:
+        """Flags (n,) of readings that are predicted in blocks: lines of responses."""
+        return _IN_BLOCKS[self.quantity]
 
     @property
     def kind_numbers(self) -> Indices:

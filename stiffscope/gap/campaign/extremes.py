@@ -52,7 +52,7 @@ def inspect_extremes(
             yield ReadingRemark("place", key[1], (text.partition(": ")[0],), text)
     parts = np.abs(np.nan_to_num(c.wrench)) / np.repeat([1.0, size or 1.0], 3)
     load = parts.max(axis=1, initial=0.0)
-    row = int(np.argmax(load))
+    row = int(np.argmax(load)) if len(load) else 0
     if (
         load.any()
         and (ratio := load[row] / np.quantile(load[load > 0.0], 0.75)) > times * _HEAVY

@@ -209,6 +209,8 @@ class Payload:
     mass: float
     moments: Array
     force: Array = field(default_factory=lambda: np.zeros(3))
+    inertia: Array | None = None
+    """Further moments of inertia (3, 3) of the body about its centre, kg·m²; None: none."""
 
 
 class Knee(NamedTuple):
@@ -284,6 +286,10 @@ class Influence:
     """Relative excess of the applied loads of one stated size, N or N·m, by that size."""
     swaps: tuple[tuple[str, str], ...] = ()
     """Pairs of exchanged columns."""
+    sensor_masses: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Further mass, kg, of what is screwed to points of responses, by point."""
+    springs: Mapping[str, Array] = field(default_factory=dict[str, Any])
+    """Stiffness (6, 6) of springs from the ground to bodies, at home points of their own."""
 
 
 @dataclass(frozen=True)
@@ -312,6 +318,13 @@ class Setting:
     """Sizes of the applied loads and their unit, where there are at least three."""
     drive_forces: Mapping[str, float] = field(default_factory=dict[str, float])
     """Largest force or torque that the applied loads exert on each drive, N or N·m."""
+    points: Mapping[str, bool] = field(default_factory=dict[str, bool])
+    """Whether the mass of the sensor at a point of responses is stated, by point."""
+
+    @property
+    def shows_inertia(self) -> bool:
+        """Whether responses show masses, whatever they weigh."""
+        return bool(self.points)
 
     @cached_property
     def length(self) -> float:

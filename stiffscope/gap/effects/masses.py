@@ -98,7 +98,7 @@ class Mass(Effect):
         Springs or a counterweight may carry a share of the whole robot's weight.
         """
         robot = setting.robot
-        if not robot.mechanism.gravity.any():
+        if not (robot.mechanism.gravity.any() or setting.shows_inertia):
             return
         heavy = find_masses(robot)
         (known,) = cls.parameters
@@ -188,9 +188,11 @@ class AddedMass(Effect):
         """
         mechanism = setting.robot.mechanism
         level = np.sort(np.argsort(np.abs(mechanism.gravity), kind="stable")[:2])
-        for body in mechanism.bodies if mechanism.gravity.any() else ():
+        shown = mechanism.gravity.any() or setting.shows_inertia
+        for body in mechanism.bodies if shown else ():
             if body.elastic is None:
-                axes = np.arange(3) if setting.turning.get(body.name, True) else level
+                turns = setting.turning.get(body.name, True) or setting.shows_inertia
+                axes = np.arange(3) if turns else level
                 heavy = cls(body.name, _find_point(mechanism, body), axes)
                 place = Place(body.name)
                 sigma = setting.robot.mass_sigma(body.name)

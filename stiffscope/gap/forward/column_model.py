@@ -85,6 +85,11 @@ class ColumnModel:
     most_effects: int = len(AXES)
 
     @property
+    def coarse(self) -> None:
+        """None: a search starts in these readings."""
+        return
+
+    @property
     def library(self) -> tuple[Candidate, ...]:
         """Rivals, parameters, and distinguishable scales; scales of the same readings are aliases."""
         return self._library

@@ -218,7 +218,7 @@ class ElasticState:
         mode = MODE_OF[c.quantity]
         count = int(mode.max()) + 1
         most = count + int(SPARE_MODES_OF[c.quantity].max())
-        found = modes(self._loaded_mechanism, at.configurations[at.shaken], most)
+        found = modes(self.loaded_mechanism, at.configurations[at.shaken], most)
         read = found.frequencies[:, :count]
         if read.shape[1] < count or np.isnan(read).any():
             row = int(np.argmax(mode >= 0))
@@ -229,7 +229,8 @@ class ElasticState:
         return found
 
     @cached_property
-    def _loaded_mechanism(self) -> Mechanism:
+    def loaded_mechanism(self) -> Mechanism:
+        """The robot with its changes and payloads."""
         return add_payloads(self.mechanism, self.payloads)
 
     @property
@@ -243,9 +244,7 @@ class ElasticState:
         found = self._modes.configurations
         where = place_nodes(self._modes.configurations)
         squares = np.square(2.0 * np.pi * self.frequencies)[:, None]
-        inertia = find_inertial_forces(
-            self._loaded_mechanism, where, self._modes.shapes
-        )
+        inertia = find_inertial_forces(self.loaded_mechanism, where, self._modes.shapes)
         forces = {node: force * squares for node, force in inertia.items()}
         loads = Loads(squares.shape[2], forces, balanced=1.0)
         return solve_loads(find_order(self.mechanism, found.linkage), where, loads)

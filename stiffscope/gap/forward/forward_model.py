@@ -96,6 +96,11 @@ class ForwardModel(Protocol):
         ...
 
     @property
+    def coarse(self) -> ForwardModel | None:
+        """A model of the same effects by smoother readings, in which a search starts; None: itself."""
+        ...
+
+    @property
     def library(self) -> tuple[Candidate, ...]:
         """Effects that may explain the gap, including nuisance patterns."""
         ...

@@ -365,7 +365,9 @@ class RobotAtPoses:
         served: dict[Predictor, list[int]] = {}
         numbers: list[int] = np.unique(kind).tolist()
         for number in numbers:
-            served.setdefault(KINDS[number].predictor, []).append(number)
+            predictor = KINDS[number].predictor
+            if predictor is not None:
+                served.setdefault(predictor, []).append(number)
         return tuple(
             (predictor, np.flatnonzero(np.isin(kind, own)))
             for predictor, own in served.items()

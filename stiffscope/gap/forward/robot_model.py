@@ -76,6 +76,11 @@ class RobotModel:
         object.__setattr__(self, "campaign", campaign)
 
     @property
+    def coarse(self) -> None:
+        """None: a search starts in these readings."""
+        return
+
+    @property
     def library(self) -> tuple[Candidate, ...]:
         """Effects that the nominal model lacks, with twins merged, and nuisance patterns."""
         return self._library

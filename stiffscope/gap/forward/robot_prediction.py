@@ -104,9 +104,9 @@ class RobotPrediction(RobotReadings):
         return {}
 
     def _derivatives(self, candidate: Candidate) -> Array:
-        return find_slopes(self, self._find_steps(candidate))
+        return find_slopes(self, self.find_steps(candidate))
 
-    def _find_steps(self, candidate: Candidate) -> Steps:
+    def find_steps(self, candidate: Candidate) -> Steps:
         """Return small steps of a candidate's parameters; those of a linear effect are kept."""
         action: Effect = candidate.action
         sizes = _STEP * np.array(candidate.scale)

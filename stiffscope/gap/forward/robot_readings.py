@@ -231,12 +231,18 @@ class RobotReadings(InstrumentReadings):
     @cached_property
     def sense(self) -> Array:
         """Sensed terminal directions a (n, cases), signs as in ``a · D b``."""
-        return self.ask(lambda predictor, rows: predictor.find_sense(self, rows))
+        terminals = len(self.campaign), self.at.cases
+        return self.ask(
+            lambda predictor, rows: predictor.find_sense(self, rows)
+        ).reshape(terminals)
 
     @cached_property
     def drive(self) -> Array:
         """Applied terminal loads b (n, cases) of ``a · D b``; for stiffnesses, of the motion."""
-        return self.ask(lambda predictor, rows: predictor.find_drive(self, rows))
+        terminals = len(self.campaign), self.at.cases
+        return self.ask(
+            lambda predictor, rows: predictor.find_drive(self, rows)
+        ).reshape(terminals)
 
     @cached_property
     def pushes(self) -> Array:

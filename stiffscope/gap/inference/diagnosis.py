@@ -61,6 +61,33 @@ class DriveStiffness:
 
 
 @dataclass(frozen=True)
+class ResponseModes:
+    """A measured mode with the computed ones of the same shape; NaN without one."""
+
+    measured: float
+    """Frequency, Hz."""
+    before: float
+    """Of the nominal model, Hz."""
+    after: float
+    """With the effects found, Hz."""
+    zeta: float
+    """Damping ratio, as fitted with these."""
+    mac_before: float
+    """Modal assurance criterion, 0 to 1, of the shapes at the points."""
+    mac_after: float
+
+
+@dataclass(frozen=True)
+class SetupModes:
+    """Modes of one set-up of responses, and rms differences of its levels, dB."""
+
+    modes: tuple[ResponseModes, ...]
+    before: float
+    after: float
+    noise: float
+
+
+@dataclass(frozen=True)
 class Possible:
     """An effect that may be present, without certainty."""
 
@@ -104,6 +131,8 @@ class Where:
     direction: dict[str, float]
     component: dict[str, float] = field(default_factory=dict[str, float])
     pose_names: tuple[str, ...] = ()
+    rows: tuple[str, ...] = ()
+    """File and line of the first reading at each pose."""
     pose: tuple[tuple[float, ...], ...] = ()
     """Rms residuals over sigma by pose and direction (x y z rx ry rz); NaN if not read."""
     unexplained: tuple[tuple[float, ...], ...] = ()
@@ -125,6 +154,8 @@ class NextMeasurement:
     """Expected ln-odds between these explanations."""
     position: dict[str, float] | None = None
     """Commanded coordinates by name, m and rad; None if poses are labels."""
+    label: str | None = None
+    """Drives' coordinates of the position in mm and degrees."""
     wrench: tuple[float, ...] | None = None
     pose: str | None = None
     quantity: str | None = None
@@ -182,6 +213,8 @@ class Diagnosis:
     """Effects and signature correlations (1: indistinguishable from these readings)."""
     possible: tuple[Possible, ...] = ()
     """Effects that are merely possible besides the named ones."""
+    responses: dict[str, SetupModes] = field(default_factory=dict[str, SetupModes])
+    """Modes of each set-up of frequency responses, by name."""
     drives: dict[str, DriveStiffness] = field(default_factory=dict[str, DriveStiffness])
     """Resulting stiffness of each drive, by joint; set and member multiplied out."""
     sensitivity: tuple[Sensitivity, ...] = ()

@@ -126,6 +126,8 @@ def errors_of(campaign: Campaign, noise: Noise, log_odds: float) -> Errors:
             len(factors)
         )
         return Errors(noise, *none, factors, np.zeros(len(factors)), weight)
+    if not (noise.used & ~campaign.in_blocks).any():
+        return Errors(noise, *none, np.ones(1), np.zeros(1), np.zeros(1))
     group, shape, norms = _features(campaign, noise)
     sizes = np.concatenate([[0.0], EVIDENCE.discrepancies])
     volume = -0.5 * np.log1p(sizes[:, None] ** 2 * norms).sum(axis=1)
@@ -154,16 +156,17 @@ def _without_scatter(c: Campaign, noise: Noise) -> Array:
 def _features(c: Campaign, noise: Noise) -> tuple[Indices, Array, Array]:
     """Return groups (n,), two features (n, 2) orthogonal within groups, and squared lengths."""
     axis = c.kind * 6 + c.direction
-    cell = np.where(noise.used, c.pose * (axis.max() + 1) + axis, -1)
+    used = noise.used & ~c.in_blocks  # lines have nuisances of their own
+    cell = np.where(used, c.pose * (axis.max() + 1) + axis, -1)
     group = np.unique(cell, return_inverse=True)[1].ravel()
-    group = (group - (0 if noise.used.all() else 1)).astype(np.int64)
+    group = (group - (0 if used.all() else 1)).astype(np.int64)
     safe = group.clip(min=0)
     count = int(group.max()) + 1
     value = np.where(noise.used, _without_scatter(c, noise), 0.0)
     mean = np.sqrt(
         np.bincount(axis, value**2) / np.maximum(np.bincount(axis, noise.used), 1)
     )
-    raw = np.stack([mean[axis], value], axis=1) * (noise.used / noise.sigma)[:, None]
+    raw = np.stack([mean[axis], value], axis=1) * (used / noise.sigma)[:, None]
     gram = np.zeros((count, 2, 2))
     np.add.at(gram, safe, raw[:, :, None] * raw[:, None, :])
     norms, turn = np.linalg.eigh(gram)

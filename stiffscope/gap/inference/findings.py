@@ -14,7 +14,7 @@ from stiffscope.gap.inference.fitting import Problem
 from stiffscope.gap.inference.hypothesis import forms_of, join_values
 from stiffscope.gap.inference.plausibility import implausible
 from stiffscope.gap.inference.residuals import percent_rms
-from stiffscope.gap.inference.search import Search
+from stiffscope.gap.inference.search import ROUGH, Effort, Search
 from stiffscope.gap.inference.settings import GROUPS, VERDICT
 
 if TYPE_CHECKING:
@@ -415,11 +415,16 @@ class Findings:
         )
 
 
-def search_once(model: ForwardModel, progress: Progress | None = None) -> Findings:
+def search_once(
+    model: ForwardModel, progress: Progress | None = None, effort: Effort | None = None
+) -> Findings:
     """Search for the sets of effects and nuisance patterns that explain a model's campaign."""
     problem = Problem(model, _without_copies(model.campaign, model.noise()))
     distinct: dict[frozenset[str], Hypothesis] = {}
-    hypotheses = Search(problem, progress).hypotheses()
+    seeds = ()
+    if model.coarse is not None:
+        seeds = search_once(model.coarse, progress, ROUGH).hypotheses
+    hypotheses = Search(problem, progress, seeds, effort or Effort()).hypotheses()
     for hypothesis in hypotheses:  # the best fit of every set
         distinct.setdefault(hypothesis.names, hypothesis)
     fitted = {forms_of(h.candidates): h for h in hypotheses if h.converged}
@@ -471,6 +476,7 @@ def _yield_to_plausible(
 def _without_copies(c: Campaign, noise: Noise) -> Noise:
     """Return the noise with duplicated readings excluded."""
     once, remark = find_copies(c)
+    once |= c.in_blocks
     if not remark:
         return noise
     return replace(noise, used=noise.used & once, remarks=(*noise.remarks, remark))

@@ -35,6 +35,15 @@ def lack_of_fit(found: Findings, hypothesis: Hypothesis) -> str:
     return f"{left}; {together}" if together else left
 
 
+def misses_lines(found: Findings, hypothesis: Hypothesis) -> bool:
+    """Return whether a hypothesis leaves lines of responses far beyond their noise."""
+    lines = found.used_readings & found.campaign.in_blocks
+    if not lines.any():
+        return False
+    left = found.residual(hypothesis)[lines]
+    return float(np.mean(left**2)) > TESTS.missed
+
+
 def correlation(found: Findings, hypothesis: Hypothesis) -> str:
     """Return a description of correlated residuals, unlike noise; empty if there is none."""
     c = found.campaign

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, TypeVar
 
@@ -35,6 +35,29 @@ if TYPE_CHECKING:
 _Set = TypeVar("_Set", "Start", Hypothesis)
 
 
+@dataclass(frozen=True)
+class Effort:
+    """How much a search tries.
+
+    Attributes
+    ----------
+    single, fitted, plain
+        Most nonlinear fits of single effects, of each larger size, and of the best without a
+        discrepancy.
+    sketches
+        Whether sets of simple effects are also sought jointly.
+    """
+
+    single: int = 2 * SEARCH.fitted
+    fitted: int = SEARCH.fitted
+    plain: int = SEARCH.fitted_plain
+    sketches: bool = True
+
+
+ROUGH = Effort(single=8, fitted=5, plain=2, sketches=False)
+"""Of a search in a coarser model, whose hypotheses are only starts."""
+
+
 @dataclass(frozen=True, eq=False)
 class Start:
     """A promising set of effects, with its first-order score."""
@@ -56,6 +79,9 @@ class Search:
 
     problem: Problem
     progress: Progress | None = None
+    seeds: Sequence[Hypothesis] = ()
+    """Hypotheses of a coarser model, the best first, from which the search starts."""
+    effort: Effort = field(default_factory=Effort)
 
     @cached_property
     def _most_parameters(self) -> float:
@@ -78,7 +104,9 @@ class Search:
             Start(each, np.zeros(count), np.zeros(count)) for each, count in counts
         ]
         fit(tried, base, "effects", len(tried))
-        self._grow([none], fitted)
+        seeds = self._find_seeds()
+        grown = fit(seeds, base, "effects of the coarser model", len(seeds))
+        self._grow(grown[: SEARCH.width] or [none], fitted)
         fixed: tuple[
             Candidate, ...
         ] = ()  # what has no parameters changes the derivatives of all others
@@ -90,23 +118,8 @@ class Search:
                 fit([Start(fixed, np.zeros(0), np.zeros(0))], base, "instruments", 1),
                 fitted,
             )
-        best = fitted.best
-        if len(best.candidates) > SEARCH.obvious or not all(
-            c.simple for c in best.candidates
-        ):
-            complex_ones = tuple(c for c in best.words if not c.simple)
-            for core in [complex_ones, ()] if complex_ones else [()]:
-                for starts in self._sketches(core):
-                    new = [
-                        start
-                        for start in starts
-                        if forms_of(start.candidates) not in found
-                    ]
-                    stage = f"simple effects, {len(starts[0].candidates)} at once"
-                    fit(new, base, stage, SEARCH.sketched)
-                if fitted.best is not best:
-                    self._grow([fitted.best], fitted)
-                    break
+        if self.effort.sketches:
+            self._sketch(fitted, base)
         for _ in range(SEARCH.rounds):
             best = fitted.best
             rivals = _sort(found.values())[: SEARCH.rivals]
@@ -117,6 +130,37 @@ class Search:
                 break
             self._grow(exchanged[:1], fitted)
         return _sort(found.values())
+
+    def _sketch(self, fitted: _Fitted, base: Heights) -> None:
+        """Fit sets of simple effects that only fit jointly, where the best set is not obvious."""
+        best = fitted.best
+        if len(best.candidates) > SEARCH.obvious or not all(
+            c.simple for c in best.candidates
+        ):
+            complex_ones = tuple(c for c in best.words if not c.simple)
+            for core in [complex_ones, ()] if complex_ones else [()]:
+                for starts in self._sketches(core):
+                    new = [
+                        start
+                        for start in starts
+                        if forms_of(start.candidates) not in fitted.found
+                    ]
+                    stage = f"simple effects, {len(starts[0].candidates)} at once"
+                    fitted.fit(new, base, stage, SEARCH.sketched)
+                if fitted.best is not best:
+                    self._grow([fitted.best], fitted)
+                    break
+
+    def _find_seeds(self) -> list[Start]:
+        """Return the best hypotheses of the coarser model as starts."""
+        some = [h for h in self.seeds if h.names][: SEARCH.seeded]
+        least = some[0].evidence - SEARCH.seeded_within if some else 0.0
+        chosen = [
+            h
+            for k, h in enumerate(some)
+            if k < SEARCH.seeded_least or h.evidence > least
+        ]
+        return [Start(h.candidates, h.values, h.values) for h in chosen]
 
     def _sketches(self, core: tuple[Candidate, ...]) -> Iterable[list[Start]]:
         """Yield the best first-order sets with more simple effects, two or more, while they gain.
@@ -154,13 +198,13 @@ class Search:
             starts = self._extensions(frontier)
             if not starts:
                 return
-            most = SEARCH.fitted if frontier[0].names else 2 * SEARCH.fitted
+            most = self.effort.fitted if frontier[0].names else self.effort.single
             plain = sorted(starts, key=lambda s: -s.plain_score)
             if not _gains(_heights(starts), base):
                 most = SEARCH.least_fitted
                 plain = []  # the first-order error is as small
             fits = fitted.fit(starts, base, stage, most)
-            fits += fitted.fit(plain, base, stage, SEARCH.fitted_plain)
+            fits += fitted.fit(plain, base, stage, self.effort.plain)
             fits = _sort({id(h): h for h in fits}.values())
             if not fits:
                 return

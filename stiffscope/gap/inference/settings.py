@@ -134,6 +134,12 @@ class SearchSettings:
     tell it."""
     gain: float = 1.0
     """Least ln-odds gained by another effect to continue."""
+    seeded: int = 12
+    """Most hypotheses of a coarser model from which a search starts,"""
+    seeded_within: float = 100.0
+    """within this ln-odds of its best,"""
+    seeded_least: int = 4
+    """and regardless of that."""
 
 
 SEARCH = SearchSettings()
@@ -178,6 +184,9 @@ class FitTestSettings:
     """Degrees of freedom of a noise that is known."""
     observable: float = 0.05
     """Least fraction of the mean of a group that the fit leaves."""
+    missed: float = 2.0
+    """χ² per line of a response from which no effect is certain: resonances beside the measured
+    ones, which any set of effects follows in part."""
 
 
 TESTS = FitTestSettings()

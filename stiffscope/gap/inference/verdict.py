@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.gap.inference.lack_of_fit import lack_of_fit, model_errors
+from stiffscope.gap.inference.lack_of_fit import lack_of_fit, misses_lines, model_errors
 from stiffscope.gap.inference.plausibility import implausible, impossible
 from stiffscope.gap.inference.settings import GROUPS, VERDICT
 
@@ -49,6 +49,8 @@ def judge_findings(found: Findings) -> Judgement:
     best = found.best
     none = found.none
     certain, strange, unsettled = _find_certain(found)
+    if certain and misses_lines(found, best):
+        certain = []
     kept = found.fit_effects(certain)
     before = found.chi2(none)
     other = found.fit_named(certain)

@@ -13,6 +13,7 @@ import numpy as np
 from stiffscope.gap.campaign.kinds.frequencies import FREQUENCY
 from stiffscope.gap.campaign.kinds.kind import AXES, Kind
 from stiffscope.gap.campaign.kinds.motions import DEFLECTION, DEVIATION, POSITION
+from stiffscope.gap.campaign.kinds.responses import RESPONSE
 from stiffscope.gap.campaign.kinds.stiffnesses import PUSH, STIFFNESS
 
 if TYPE_CHECKING:
@@ -27,6 +28,7 @@ KINDS: tuple[Kind, ...] = (
     PUSH,
     FREQUENCY,
     POSITION,
+    RESPONSE,
 )
 """All kinds. A new one is appended here, after a module of its own says what it is."""
 

@@ -127,7 +127,8 @@ class Kind:
     force_sign: float
     """Exponent with which it follows the scale of applied forces; 0 for positions, of which
     only a part follows."""
-    predictor: Predictor
+    predictor: Predictor | None
+    """None: it is predicted in blocks of readings, not by terminals."""
 
     def unit(self, *, turns: bool) -> str:
         """Return the SI unit as shown, along or about axes."""

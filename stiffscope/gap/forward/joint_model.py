@@ -1,0 +1,192 @@
+"""Forward model of a campaign with frequency responses, beside its static readings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.gap.campaign.response_lines import join_responses, read_lines
+from stiffscope.gap.effects.masses import Gravity
+from stiffscope.gap.effects.vocabulary import find_candidates
+from stiffscope.gap.forward.forward_model import Noise
+from stiffscope.gap.forward.joint_prediction import JointPrediction
+from stiffscope.gap.forward.nuisance import nuisance_patterns
+from stiffscope.gap.forward.twins import merge_twins
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.gap.campaign.measured_responses import MeasuredResponses
+    from stiffscope.gap.campaign.response_lines import ResponseBlock
+    from stiffscope.gap.effects.effect import Candidate, Setting
+    from stiffscope.gap.forward.forward_model import Parameters, Trial
+    from stiffscope.gap.forward.robot_model import RobotModel
+    from stiffscope.robot.nominal import NominalRobot
+    from stiffscope.runtime.types import Array
+
+WIDTH = 0.12
+"""Of local means from which a search starts, relative to frequency: shifts of modes of about
+this size are found."""
+
+
+@dataclass(frozen=True)
+class JointModel:
+    """Static readings, if any, and responses of one robot.
+
+    Attributes
+    ----------
+    readings
+        Model of the static readings; without any, at the poses of the responses.
+    responses
+        Measured responses.
+    width
+        Of local means of lines, relative to frequency; 0: lines.
+    known
+        Library of effects, where another width has it already.
+    """
+
+    readings: RobotModel
+    responses: tuple[MeasuredResponses, ...]
+    width: float = 0.0
+    known: tuple[Candidate, ...] | None = None
+
+    @property
+    def nominal(self) -> NominalRobot:
+        """The nominal robot."""
+        return self.readings.nominal
+
+    @property
+    def most_effects(self) -> int:
+        """Most effects with parameters in a diagnosis."""
+        return self.readings.most_effects
+
+    @property
+    def tried(self) -> tuple[tuple[Candidate, ...], ...]:
+        """Sets of effects that are always fitted."""
+        return self.readings.tried
+
+    @cached_property
+    def blocks(self) -> tuple[ResponseBlock, ...]:
+        """Lines, or their local means."""
+        return tuple(
+            block
+            for measured in self.responses
+            for block in read_lines(measured, self.width)
+        )
+
+    @cached_property
+    def campaign(self) -> Campaign:
+        """Static readings and lines."""
+        return join_responses(self.readings.campaign, self.blocks)
+
+    @cached_property
+    def coarse(self) -> JointModel | None:
+        """The same model by local means of lines, in which a search starts; None if it is that."""
+        if self.width:
+            return None
+        return JointModel(self.readings, self.responses, WIDTH, self.known)
+
+    @property
+    def library(self) -> tuple[Candidate, ...]:
+        """Effects that the nominal model lacks, with twins merged, and nuisance patterns."""
+        return self._library
+
+    @cached_property
+    def _library(self) -> tuple[Candidate, ...]:
+        if self.known is not None:
+            return self.known
+        if self.coarse is not None:
+            return self.coarse.library
+        weighs = self.readings.campaign.is_weighed or not len(self.readings.campaign)
+        without = {self.readings.without, Gravity.word if weighs else ""}
+        known = tuple(find_candidates(self.setting, without))
+        heavy = tuple((c, ()) for c in known if c.effect == Gravity.word)
+        patterns = (
+            nuisance_patterns(self.readings.predict())
+            if len(self.readings.campaign)
+            else ()
+        )
+        return (
+            *merge_twins(known, self.predict(), self.predict(heavy)),
+            *patterns,
+        )
+
+    @cached_property
+    def setting(self) -> Setting:
+        """Robot and measurement set-up that determine the candidates."""
+        points = dict[str, bool]()
+        for measured in self.responses:
+            for point in measured.setup.points:
+                known = points.get(point.name, True)
+                points[point.name] = known and point.mass is not None
+        return replace(self.readings.setting, points=points)
+
+    def admits(self, candidates: Sequence[Candidate]) -> bool:
+        """Return whether the search may combine these effects."""
+        return self.readings.admits(candidates)
+
+    def predict(self, parameters: Parameters = ()) -> JointPrediction:
+        """Predict readings with these effects. Raises InputError outside the assemblable range."""
+        if not parameters:
+            return self._nominal
+        return JointPrediction(
+            self.campaign, self.readings.predict(parameters), self.blocks
+        )
+
+    @cached_property
+    def _nominal(self) -> JointPrediction:
+        return JointPrediction(self.campaign, self.readings.predict(), self.blocks)
+
+    def doubt_again(self, parameters: Parameters) -> JointModel | None:
+        """Return the model with other faults of instruments that a prediction shows, if any."""
+        if not len(self.readings.campaign):
+            return None
+        again = self.readings.doubt_again(parameters)
+        return None if again is None else JointModel(again, self.responses)
+
+    def find_equilibria(self, parameters: Parameters) -> JointModel | None:
+        """Return the model at the equilibria reached with these effects, if readings show them."""
+        if not len(self.readings.campaign):
+            return None
+        exact = self.readings.find_equilibria(parameters)
+        return None if exact is None else replace(self, readings=exact)
+
+    def noise(self) -> Noise:
+        """Return noise and gross outliers of the readings; lines have neighbours that tell theirs."""
+        return self._noise
+
+    @cached_property
+    def _noise(self) -> Noise:
+        n = len(self.campaign)
+        count = len(self.readings.campaign)
+        sigma = np.array(self.campaign.sigma)
+        used = np.ones(n, dtype=np.bool_)
+        scaled = np.zeros(n, dtype=np.bool_)
+        if not count:
+            return Noise(sigma, used, scaled, np.ones(1))
+        own = self.readings.noise()
+        sigma[:count] = own.sigma
+        used[:count] = own.used
+        scaled[:count] = own.scaled
+        return replace(own, sigma=sigma, used=used, scaled=scaled)
+
+    def trial(self, sigma: Array) -> Trial:
+        """Return possible next readings, given noise ``sigma`` (n,) of the campaign's readings."""
+        return self.readings.trial(sigma[: len(self.readings.campaign)])
+
+    def remarks(self, noise: Noise, unexplained: Array) -> tuple[str, ...]:
+        """Return remarks on the static readings' residuals."""
+        count = len(self.readings.campaign)
+        if not count:
+            return ()
+        own = replace(
+            noise,
+            sigma=noise.sigma[:count],
+            used=noise.used[:count],
+            scaled=noise.scaled[:count],
+        )
+        return self.readings.remarks(own, unexplained[:count])

@@ -1,0 +1,182 @@
+"""All modes of a mechanism at one configuration, and what its nodes and elements do in them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from stiffscope.errors import InputError
+from stiffscope.vjm.model.screws import shift
+from stiffscope.vjm.network.loading import Loads
+from stiffscope.vjm.network.network import END
+from stiffscope.vjm.network.order import find_order
+from stiffscope.vjm.statics.equilibrium import solve_loads
+from stiffscope.vjm.vibration.coordinates import sum_squares
+from stiffscope.vjm.vibration.pencil import form_pencils
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from stiffscope.vjm.kinematics.configurations import Configurations
+    from stiffscope.vjm.model.mechanism import Mechanism
+    from stiffscope.vjm.model.screws import Array
+    from stiffscope.vjm.network.loading import Response
+    from stiffscope.vjm.vibration.coordinates import (
+        Coordinates,
+        PointMass,
+        PointSpring,
+    )
+    from stiffscope.vjm.vibration.pencil import Drives
+
+_FREELY = 1e-6  # of a massless free motion: participation of a point
+_BALANCED = 1.0  # of a load: inertial loads balance idle motions only together
+
+
+@dataclass(eq=False)
+class ModalModel:
+    """c modes of a mechanism at one configuration, of arbitrary normalization.
+
+    Attributes
+    ----------
+    mechanism, configuration
+        The mechanism, and the configuration that it vibrates about.
+    system
+        Coordinates of the mechanism.
+    vectors
+        Modes (size, c).
+    mass, stiffness
+        Of every mode (c,), one of them above zero: a mode without mass follows statically, one
+        without stiffness is a free motion.
+    idle
+        Massless motions (size, k) without stiffness.
+    shift
+        Squared angular frequency of the order of the lowest, (rad/s)².
+    """
+
+    mechanism: Mechanism
+    configuration: Configurations
+    system: Coordinates
+    vectors: Array
+    mass: Array
+    stiffness: Array
+    idle: Array
+    shift: float
+
+    @cached_property
+    def squares(self) -> Array:
+        """Squared angular frequencies (c,), (rad/s)²: infinite of massless modes."""
+        out = np.full(len(self.mass), np.inf)
+        return np.divide(self.stiffness, self.mass, out=out, where=self.mass > 0.0)
+
+    def displace(self, node: str | None, at: Array) -> Array:
+        """Return the twists (6, c) of a node's home point in base axes, in every mode.
+
+        Node None is the tool. InputError if there is no such node, or if the point moves freely
+        there, without stiffness and inertia.
+        """
+        name = END if node is None else node
+        if name not in self.system.twists:
+            known = ", ".join(self.system.twists)
+            raise InputError(f"expected a body or an end of one, {known}, got {name!r}")
+        where = self.system.where
+        carry = shift(where.point(name, np.asarray(at, dtype=float)) - where.tool)[0]
+        rows = self.system.twists[name]
+        moved = carry @ rows.matrix[0]
+        out = moved @ self.vectors[rows.columns]
+        freely = moved @ self.idle[rows.columns]
+        if freely.size and np.abs(freely).max() > _FREELY * np.abs(out).max():
+            where = node or "tool"
+            raise InputError(
+                f"{where}: moves freely there, without stiffness and inertia"
+            )
+        return out
+
+    def solve_static(
+        self, points: Sequence[tuple[str, Array, Array]], modes: Array
+    ) -> Response:
+        """Return the static response to wrenches at points, then to inertial loads ``M v``.
+
+        Parameters
+        ----------
+        points
+            Node, home point (3,), and p wrenches (6, p) there in base axes, of each point.
+        modes
+            Indices (k,) of the modes v whose inertial loads follow.
+
+        Returns
+        -------
+        Response
+            Of all nodes and elements to the wrenches of all points, in order, and the k loads.
+
+        Raises
+        ------
+        InputError
+            If something moves freely under its load.
+        """
+        where = self.system.where
+        counts = [wrench.shape[1] for _, _, wrench in points]
+        total = sum(counts)
+        nodes: dict[str, Array] = {}
+
+        def add(node: str, wrench: Array, start: int) -> None:
+            known = nodes.setdefault(node, np.zeros((1, 6, total + len(modes))))
+            known[..., start : start + wrench.shape[-1]] += wrench
+
+        start = 0
+        for (node, at, wrench), count in zip(points, counts, strict=True):
+            add(node, where.wrenches(node, at)[0] @ wrench, start)
+            start += count
+        vectors = self.vectors[:, modes]
+        for rows, carried in zip(
+            self.system.inertias, self.system.carriers, strict=True
+        ):
+            rates = rows.matrix[0] @ vectors[rows.columns]
+            for node, wrench in carried.items():
+                add(node, wrench[0] @ rates, total)
+        loads = Loads(total + len(modes), nodes, balanced=_BALANCED)
+        order = find_order(self.mechanism, self.configuration.linkage)
+        return solve_loads(order, where, loads)
+
+
+def solve_all_modes(
+    mechanism: Mechanism,
+    found: Configurations,
+    *,
+    drives: Drives = "held",
+    masses: Sequence[PointMass] = (),
+    springs: Sequence[PointSpring] = (),
+) -> ModalModel:
+    """Return all modes of a mechanism at the first of some configurations.
+
+    Parameters
+    ----------
+    mechanism
+        Bodies, joints, tool and gravity of the robot.
+    found
+        Configuration.
+    drives
+        Drives are springs ("held") or move freely ("free").
+    masses, springs
+        Added to bodies, such as those of sensors and hoses.
+    """
+    ((pencil, _),) = form_pencils(
+        mechanism, found.require_valid()[:1], drives, masses, springs
+    )
+    unit = pencil.scale[:, None]
+    full = pencil.basis[0] @ (unit * pencil.all_vectors()[1])
+    mass = sum_squares(pencil.system.inertias, full[None])[0]
+    stiffness = sum_squares(pencil.system.strain_rows, full[None])[0]
+    inert = (mass > 0.0) | (stiffness > 0.0)
+    return ModalModel(
+        mechanism=mechanism,
+        configuration=found[:1],
+        system=pencil.system,
+        vectors=full[:, inert],
+        mass=mass[inert],
+        stiffness=stiffness[inert],
+        idle=pencil.basis[0] @ (unit * pencil.empty_motions),
+        shift=pencil.shift,
+    )
