@@ -125,8 +125,9 @@ RESPONSES = {
     "mass": ("mass of the robot's solids and rigid bodies", "kg"),
 }
 NEXT = (
-    "best next reading, or null: pose (`pose` or coordinates by name), `wrench` at M or `load`, "
-    "`quantity` or `sensors`; `separates`: explanations it distinguishes; `expected_gain`: expected ln-odds; "
+    "best next reading, or null: pose (`pose` or coordinates by name; of drives also `label`, mm and deg), "
+    "`wrench` at M or `load`, `quantity` or `sensors`; `separates`: explanations it distinguishes; "
+    "`expected_gain`: expected ln-odds; "
     "`new`: sensors and load points that the campaign lacks, by name, as in campaign.toml"
 )
 SHARES = {
@@ -1089,6 +1090,7 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             ),
             "where.left_by_sensor": ("remaining gap by sensor", "1"),
             "where.poses": ("names of the poses", ""),
+            "where.rows": ("file and line of the first reading at each pose", ""),
             "where.pose": (
                 "[pose][x y z rx ry rz]: rms of the residuals; null without readings",
                 "σ",
@@ -1151,6 +1153,10 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             "outcomes[].left_out": ("effect removed from the library; null: none", ""),
             "outcomes[].imitated": (
                 "effect outside the library: whether three known effects reproduce its readings",
+                "",
+            ),
+            "outcomes[].redrawn": (
+                "effects drawn before, with which EXUDYN found no equilibrium",
                 "",
             ),
             "outcomes[].verdict": ("verdict of the diagnosis", ""),

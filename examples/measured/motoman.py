@@ -17,6 +17,7 @@ import numpy as np
 from scipy.io import loadmat
 
 from examples.measured.arm import Arm, split_postures, write_positions
+from examples.measured.ladder import fit_ladder
 from stiffscope.gap.forward.placing import align_points
 
 TURN = np.pi / 180.0
@@ -53,8 +54,8 @@ SIGMA = 3e-5
 AT_SIGMA = 0.02  # m: tracker and repeatability; place of the reflector
 
 
-def convert(dataset: Path, side: str, folder: Path) -> dict[str, float]:
-    """Write the campaigns `fit` and `held-out` from a dataset.
+def read_postures(dataset: Path, side: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return joint angles (p, 6), rad, and reflector positions (p, 3), m, of the postures seen.
 
     Parameters
     ----------
@@ -62,8 +63,16 @@ def convert(dataset: Path, side: str, folder: Path) -> dict[str, float]:
         A .mat file with the variable `dataset`, 26 columns; the first row of each pose is used.
     side
         "left" or "right".
-    folder
-        Folder for the two campaigns, each with its robot file.
+    """
+    table = np.asarray(loadmat(dataset)["dataset"], dtype=float)
+    table = table[np.unique(table[:, 0], return_index=True)[1]]
+    seen = table[:, 19:22]
+    is_seen = np.isfinite(seen).all(axis=1) & (seen != 0.0).any(axis=1)
+    return table[is_seen, JOINTS[side]], seen[is_seen]
+
+
+def convert(dataset: Path, side: str, folder: Path) -> dict[str, float]:
+    """Write the campaigns `fit` and `held-out` from a dataset, each with its robot file.
 
     Returns
     -------
@@ -71,16 +80,11 @@ def convert(dataset: Path, side: str, folder: Path) -> dict[str, float]:
         Number of postures, and rms residual of the nominal arm per coordinate, m.
 
     """
-    table = np.asarray(loadmat(dataset)["dataset"], dtype=float)
-    table = table[np.unique(table[:, 0], return_index=True)[1]]
-    seen = table[:, 19:22]
-    table = table[np.isfinite(seen).all(axis=1) & (seen != 0.0).any(axis=1)]
+    angles, seen = read_postures(dataset, side)
     arm = ARMS[side]
-    angles = table[:, JOINTS[side]]
-    seen = table[:, 19:22]
     home = angles.mean(axis=0).round(3)
     for name, chosen in zip(
-        ("fit", "held-out"), split_postures(len(table)), strict=True
+        ("fit", "held-out"), split_postures(len(seen)), strict=True
     ):
         write_positions(
             arm,
@@ -94,7 +98,7 @@ def convert(dataset: Path, side: str, folder: Path) -> dict[str, float]:
     nominal = np.array([arm.target_at(each) for each in angles])
     rotation, origin = align_points(seen, nominal)
     left = nominal - seen @ rotation.T - origin
-    return {"postures": len(table), "rms": float(np.sqrt(np.mean(left**2)))}
+    return {"postures": len(seen), "rms": float(np.sqrt(np.mean(left**2)))}
 
 
 def main() -> None:
@@ -104,8 +108,17 @@ def main() -> None:
     )
     parser.add_argument("dataset", type=Path)
     parser.add_argument("--arm", choices=sorted(ARMS), default="left")
-    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--out", type=Path, help="folder of the two campaigns")
+    parser.add_argument("--ladder", action="store_true", help="plain least squares")
     chosen = parser.parse_args()
+    if chosen.ladder:
+        postures = read_postures(chosen.dataset, chosen.arm)
+        for name, fitted, held in fit_ladder(ARMS[chosen.arm], *postures):
+            print(
+                f"{name}: {1e3 * fitted:.4f} mm rms fitted, {1e3 * held:.4f} held out"
+            )
+    if chosen.out is None:
+        return
     found = convert(chosen.dataset, chosen.arm, chosen.out)
     print(
         f"{found['postures']} postures; the nominal arm leaves {1e3 * found['rms']:.3f} mm rms a coordinate"

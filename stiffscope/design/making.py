@@ -22,12 +22,12 @@ from threadpoolctl import threadpool_limits
 
 from stiffscope.design.responses import (
     CRITICAL,
-    mass_of_solids,
     of_modes,
     quantities,
 )
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
+from stiffscope.experiments.masses import mass_of_solids
 from stiffscope.experiments.orders import LIBRARIES
 from stiffscope.lobes.chatter import critical_along, files_of
 from stiffscope.path.along import along
@@ -287,7 +287,7 @@ def _respond(file: StudyFile, values: Values | None) -> tuple[float, ...]:
             {"design": robot}, file.components, shop, whole=whole
         )["design"]
         mass = (
-            mass_of_solids(robot, file.components, assembled.results)
+            mass_of_solids(robot, assembled.sources, assembled.results)
             if "mass" in names
             else 0.0
         )

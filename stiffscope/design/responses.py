@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError
-from stiffscope.robot.file.part_sections import ParametricPart
-from stiffscope.robot.file.sections import RigidBody
-from stiffscope.robot.part_matrices import known_mass, part_sources
+from stiffscope.robot.part_matrices import part_sources
 from stiffscope.vjm.model.mechanism import COORDINATES, DIAGONAL
 from stiffscope.vjm.statics import analysis as statics
 from stiffscope.vjm.vibration.modes import frequencies
@@ -22,7 +20,7 @@ if TYPE_CHECKING:
     from stiffscope.path.job import Job
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.file.expressions import Expression
-    from stiffscope.robot.part_matrices import Components, PartMatrix
+    from stiffscope.robot.part_matrices import PartMatrix
     from stiffscope.vjm.kinematics.configurations import Configurations
     from stiffscope.vjm.model.mechanism import Mechanism
 
@@ -174,23 +172,3 @@ def quantities(
         elif modes is not None:
             out[name] = modes[:, int(name[1:]) - 1]
     return out
-
-
-def mass_of_solids(
-    robot: RobotFile, components: Components, experiments: Mapping[str, Any]
-) -> float:
-    """Return the mass of solids and rigid bodies, kg; masses of parts in the file are ignored."""
-    rigid = sum(
-        body.mass for body in robot.bodies.values() if isinstance(body, RigidBody)
-    )
-    for name in part_sources(robot, components):
-        part = robot.parts[name]
-        material = robot.material(name)
-        mass = known_mass(robot, name) or 0.0
-        if name in experiments:
-            mass = experiments[name].mass
-        elif isinstance(part, ParametricPart) and material is not None:
-            volume = part.parameters().bare_volume
-            mass = mass if volume is None else material.density * volume
-        rigid += len(robot.bodies_of(name)) * mass
-    return rigid

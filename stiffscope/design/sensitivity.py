@@ -15,8 +15,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.design.responses import FREE, MOST_MODES, mass_of_solids
+from stiffscope.design.responses import FREE, MOST_MODES
 from stiffscope.errors import InputError
+from stiffscope.experiments.masses import mass_of_solids
 from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.parameters import parameters
@@ -181,7 +182,7 @@ class _Model:
         frequency = np.full(len(found), np.nan)
         with suppress(InputError):  # without masses
             frequency = _first(frequencies(mechanism, found, MOST_MODES))
-        mass = mass_of_solids(robot, self.components, varied)
+        mass = mass_of_solids(robot, part_sources(robot, self.components), varied)
         return Responses(state.finite, sag, frequency, mass, state.alone)
 
     def _assemble(

@@ -123,7 +123,7 @@ def write_tree(mechanism: Mechanism, name: str, tuning: Tuning) -> Writer:
     for branch in tree.branches:
         _add_branch(writer, mechanism, branch, elements[branch.joint.name])
     for cut in tree.cuts:
-        _close_loop(writer, mechanism, cut, elements[cut.joint.name])
+        _close_loop(writer, cut, elements[cut.joint.name])
     _add_tool(writer, mechanism, elements[TOOL])
     return writer
 
@@ -375,9 +375,7 @@ def _yields(element: Element) -> bool:
     return bool(yields) or element.offset is not None
 
 
-def _close_loop(
-    writer: Writer, mechanism: Mechanism, cut: Branch, element: Element
-) -> None:
+def _close_loop(writer: Writer, cut: Branch, element: Element) -> None:
     """Close a loop: the joint leads to a body of its own, which springs tie to the actual one.
 
     The springs act between a body and one of its ancestors, so that their damping is within the

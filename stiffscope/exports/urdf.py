@@ -95,7 +95,7 @@ def _write(mechanism: Mechanism, name: str, tree: SpanningTree) -> ET.Element:
     ET.SubElement(root, "link", name=TOOL_LINK)
     _add_joint(
         root=root,
-        name=TOOL_LINK,
+        name=f"{TOOL_LINK}_joint",  # pinocchio wants frames' names apart
         kind="fixed",
         parent=carrier,
         child=TOOL_LINK,

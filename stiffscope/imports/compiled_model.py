@@ -426,6 +426,7 @@ def _go_home(compiled: CompiledModel, wanted: Mapping[str, float]) -> None:
         for name, each in compiled.labels("joint", m.njnt).items()
         if compiled.is_a(m.jnt_type[each], "mjtJoint", "mjJNT_HINGE", "mjJNT_SLIDE")
     }
+    _enter_ranges(compiled, {n: k for n, k in joints.items() if n not in wanted})
     for name, value in wanted.items():
         if name not in joints:
             what = f"a joint that turns or slides ({', '.join(joints)})"
@@ -444,6 +445,24 @@ def _go_home(compiled: CompiledModel, wanted: Mapping[str, float]) -> None:
             )
         d.qpos[m.jnt_qposadr[number]] = value
     _close_loops(compiled)
+
+
+def _enter_ranges(compiled: CompiledModel, joints: Mapping[str, int]) -> None:
+    """Put joints that would stand beyond their ranges at the nearest limit; add a note."""
+    m = compiled.model
+    d = compiled.data
+    beyond = list[str]()
+    for name, number in joints.items():
+        low, high = m.jnt_range[number]
+        at = m.jnt_qposadr[number]
+        if m.jnt_limited[number] and low <= high and not low <= d.qpos[at] <= high:
+            d.qpos[at] = np.clip(d.qpos[at], low, high)
+            beyond.append(name)
+    if beyond:
+        compiled.notes.append(
+            f"home of {list_some(beyond, 5)} is beyond its range: it stands at the nearest "
+            "limit instead; choose another with --home"
+        )
 
 
 def _close_loops(compiled: CompiledModel) -> None:

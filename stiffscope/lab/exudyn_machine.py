@@ -17,7 +17,14 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.lab.closure import spring_state
-from stiffscope.lab.machine import BASE, DRIVEN, FREE, GROUND, TOOL
+from stiffscope.lab.machine import (
+    BASE,
+    DRIVEN,
+    FREE,
+    GROUND,
+    TOOL,
+    NoEquilibriumError,
+)
 from stiffscope.lab.nonlinear import lost_motion
 from stiffscope.lab.rotations import both_parts, turn, vector_of
 
@@ -233,14 +240,14 @@ class FaultyRobot(Robot):
         try:
             self.solve()
         except exudyn.SolverError as error:
-            raise InputError(
+            raise NoEquilibriumError(
                 "pose: expected an equilibrium in EXUDYN, got none"
             ) from error
         moved = [self.displacement(node, at) for node, at in sensors]
         out = np.array(moved).reshape(-1, 6)
         self.mbs.systemData.SetODE2Coordinates(start, initial)
         if np.abs(out).max(initial=0.0) > _FAR:
-            raise InputError(
+            raise NoEquilibriumError(
                 "pose: expected small displacements in EXUDYN, got large ones"
             )
         return out

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.errors import InputError
 from stiffscope.lab.rotations import axes_along, skew, turn
 from stiffscope.robot.file.sections import ElasticBody, InterfaceBody
 
@@ -34,6 +35,10 @@ FREE: dict[str, tuple[int, ...]] = {
 DRIVEN = {"revolute": 3, "prismatic": 0, "cylindrical": 0}
 """Driven direction of joints that guide a body about or along one axis."""
 _ALONG = 1e-9  # relative to a body's length: offset of its end from its x axis
+
+
+class NoEquilibriumError(InputError):
+    """The mechanics that measures a machine does not settle it."""
 
 
 def _zeros(*shape: int) -> Array:

@@ -94,6 +94,7 @@ def scores_json(scores: Scores) -> dict[str, Any]:
                 "truth": list(o.truth),
                 "left_out": o.left_out or None,
                 "imitated": o.imitated,
+                "redrawn": o.redrawn,
                 "verdict": o.verdict,
                 "named": list(o.named),
                 "confused_with": list(map(list, o.groups)),

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from stiffscope.experiments.assembly import Assembled
+    from stiffscope.lobes.damping import Rated
     from stiffscope.lobes.engagement import Engagement
     from stiffscope.lobes.methods import Method
     from stiffscope.lobes.model import Cutting
@@ -81,13 +82,11 @@ def check_cut(job: Job) -> None:
 
 
 def respond(
-    job: Job, assembled: Assembled, found: Configurations, axes: Array
+    assembled: Assembled, found: Configurations, axes: Array, rated: Rated
 ) -> tuple[ToolResponse, Modes]:
     """Return the response of the robot at its tool point, and its modes."""
     with name_robot(assembled.robot):
-        return tool_response(
-            assembled.mechanism, found, axes, damping_of(job, assembled)
-        )
+        return tool_response(assembled.mechanism, found, axes, rated)
 
 
 def holder_of(job: Job) -> Callable[[ToolResponse], ToolResponse]:
@@ -182,10 +181,11 @@ def judge(
     """
     cutting = cutting_of(job)
     couple = holder_of(job)
+    rated = damping_of(job, assembled)
     parts = list[Stability]()
     for start in range(0, len(found), _CHUNK):
         some = np.arange(start, min(start + _CHUNK, len(found)))
-        robot, shaken = respond(job, assembled, found[some], axes[some])
+        robot, shaken = respond(assembled, found[some], axes[some], rated)
         tool = found.tool[some]
         parts.append(_judge(job, cutting, couple(robot), shaken, tool))
         if progress is not None:
@@ -229,9 +229,9 @@ def _judge(
     return Stability(
         tool=tool,
         critical=critical,
-        critical_error=relative_error(critical, response, force_error),
+        critical_error=relative_error(critical, response, force_error, method),
         limit=limit.depth,
-        limit_error=relative_error(limit, response, force_error),
+        limit_error=relative_error(limit, response, force_error, method),
         coupling=find_coupling(response, cut),
         mode=response.rates[poses, mode] / (2.0 * np.pi),
         shares=_element_shares(response, shaken, mode),
@@ -309,7 +309,7 @@ def find_lobes(
         axes = named_axes(job, found.tool)
     here = judge(job, assembled, found, axes)
     speeds = np.linspace(*speed_range(job, cutting), section.points)
-    robot, _ = respond(job, assembled, found, axes)
+    robot, _ = respond(assembled, found, axes, damping_of(job, assembled))
     couple = holder_of(job)
     response = couple(robot)
     parts = list[Limits]()
@@ -321,7 +321,9 @@ def find_lobes(
     lobes = join_limits(parts)
     # where two lobes meet, changes of first order diverge
     width = median_filter(
-        relative_error(lobes, response, section.kt_error), (1, _ALIKE), mode="nearest"
+        relative_error(lobes, response, section.kt_error, method),
+        (1, _ALIKE),
+        mode="nearest",
     )
     low = lobes.depth * np.exp(-width)
     high = lobes.depth * np.exp(width)

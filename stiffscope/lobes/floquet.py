@@ -38,14 +38,15 @@ _LEAST_POINTS = 4  # of a panel, beyond those by which modes vibrate in it
 _PER_TURN = 3.0  # further points per vibration of the fastest mode that matters
 _MOST_POINTS = 60
 _BROAD = 10  # values of μ on half the circle
-_SHARP = np.array([-1.5, 0.0, 1.5])  # half widths of a resonance
-_STEEP = 8  # intervals that are refined in a round
+_SHARP = np.array([-4.0, -1.2, 0.0, 1.2, 4.0])  # half widths of a resonance
+_STEEP = 10  # intervals that are refined in a round
 _PARTS = 4  # of an interval
+_LOWER = np.array([0.15, 0.4, 1.0])  # of the depth, at which steep intervals count
 _ROUNDS = 4
 _SAME = 2e-3  # change of a depth by finer points
 _LOW, _HIGH = 0.05, 150.0  # depths of the search, of 1 / (2 max |λ|)
-_TRIALS = 44
-_AGAIN = np.append(np.geomspace(0.1, 1.02, 12), np.geomspace(1.3, 12.0, 9))
+_TRIALS = 72
+_AGAIN = np.append(np.geomspace(0.1, 1.02, 24), np.geomspace(1.3, 12.0, 9))
 _HALVINGS = 8
 _POLISH = 4  # steps to the exact crossing
 _WITHIN = 0.1  # relative change of the depth by polishing, at most
@@ -451,7 +452,8 @@ def _refine(
     loop: Loop, theta: Array, polynomial: Complex, depth: Array, scale: Array
 ) -> tuple[Array, Complex]:
     """Return more angles (p, t) and coefficients: where the phase turns fast at depths (p,)."""
-    turns = np.abs(_turns(_determinants(polynomial, depth[:, None])))[:, 0]
+    lower = depth[:, None] * _LOWER  # where islands of instability may lie
+    turns = np.abs(_turns(_determinants(polynomial, lower))).max(axis=1)
     steep = np.argsort(-turns, axis=1)[:, :_STEEP]
     low = np.take_along_axis(theta, steep, axis=1)
     high = np.take_along_axis(theta, steep + 1, axis=1)

@@ -24,7 +24,8 @@ _MOST = 240
 _ZOOMS = 2
 _SPLITS = 4  # speeds in each
 _STRIDE = 16  # speeds between those of a sweep that are always solved
-_SMOOTH = 3e-3  # misfit of a parabola's ln(depth), up to which speeds are interpolated
+_SMOOTH = 3e-3  # misfit of ln(depth) from a line, up to which speeds are interpolated
+_SAME_LOBE = 0.1  # relative change of the frequency of chatter
 
 
 def limits_at(
@@ -134,7 +135,13 @@ class _Sweep:
             apart = np.log(depth[pose, middle]) - begin - share * (end - begin)
         endless = np.isinf(depth[pose, low]) & np.isinf(depth[pose, high])
         endless &= np.isinf(depth[pose, middle])
-        return endless | (np.abs(apart) < _SMOOTH)
+        # two lobes that meet within differ in the frequency of chatter
+        omega = self.limits.omega
+        begin = omega[pose, low]
+        between = begin + share * (omega[pose, high] - begin)
+        alike = np.abs(omega[pose, middle] / between - 1.0) < _SMOOTH
+        alike &= np.abs(omega[pose, high] / begin - 1.0) < _SAME_LOBE
+        return endless | (alike & (np.abs(apart) < _SMOOTH))
 
     def interpolate(self, pose: Indices, low: Indices, high: Indices) -> None:
         """Fill the speeds between two that are known, linearly; depths by their logarithm."""

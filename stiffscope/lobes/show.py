@@ -273,6 +273,15 @@ def _show_levers(found: Lobes) -> None:
         ["limit by 1 % stiffness (%)", "by 1 kg of it (%)"],
     ]
     show_table(f"What limits the depth at {found.names[worst]}", columns, rows)
+    best = found.levers[0]
+    if best.per_cent > 0.0:
+        words = f"1 % more stiffness of {best.element} raises it most, by {best.per_cent:.3g} %"
+        heavier = [each for each in found.levers if each.per_kilogram > 0.0]
+        if heavier:
+            most = max(heavier, key=lambda lever: lever.per_kilogram)
+            gain = 100.0 * most.per_kilogram
+            words += f"; of a kilogram, one of {most.element}, by {gain:.3g} %"
+        show_line(f"{words}.")
 
 
 def _mm(depth: float) -> str:

@@ -20,6 +20,8 @@ import numpy as np
 from stiffscope.lobes.limits import Limits, join_limits
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from stiffscope.lobes.engagement import Engagement
     from stiffscope.lobes.response import ToolResponse
     from stiffscope.runtime.types import Array, Complex
@@ -350,7 +352,7 @@ def _settle(
     delays: Array,
     goal: Array,
     between: tuple[Array, Array],
-    misses: list[Array],
+    misses: Sequence[Array],
     near: Complex,
 ) -> tuple[Array, Array]:
     """Return Re λ and ω (s,) where ωτ - 2 arg λ - π reaches its goal, by regula falsi."""

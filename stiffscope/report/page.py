@@ -171,6 +171,8 @@ class Lead:
 
     words: str
     kind: str = ""
+    warning: str = ""
+    """What must be read before any number of the page."""
 
 
 def figures(folder: Path, captions: Mapping[str, tuple[str, str]]) -> list[Figure]:

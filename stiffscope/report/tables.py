@@ -279,3 +279,10 @@ def show_change(
         )
     title = f"Changed: {', '.join(overrides)} ({units.rpartition(',')[0]})"
     show_table(title, (("pose", ""), *SIX), rows)
+
+
+def show_masses(before: float, now: float) -> None:
+    """Show the mass of the solids before and after a change, kg."""
+    share = f" ({100 * (now / before - 1):+.2f} %)" if before else ""
+    text = f"{before:.5g} kg before, {now:.5g} kg now{share}"
+    show_line(f"  Mass of solids and rigid bodies: {text}")

@@ -129,7 +129,16 @@ def _joint(robot: RobotFile, name: str, joint: JointSection) -> Joint:
     bearing = _bearing(robot, name, joint)
     at = np.array(joint.at)
     return Joint(
-        name, *joint.between, joint.type, at, axis, axis2, driven, bearing, **flexure
+        name,
+        *joint.between,
+        joint.type,
+        at,
+        axis,
+        axis2,
+        driven,
+        bearing,
+        **flexure,
+        carried_by=joint.carried_by,
     )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
+from stiffscope.experiments.masses import mass_of_solids
 from stiffscope.robot.mechanism_of import configured_poses
 from stiffscope.statics.maps import map_robot
 from stiffscope.vjm.statics.analysis import analyse
@@ -120,12 +121,13 @@ def compare_robots(
         stiffness=np.array([each.matrix for each in plain]),
         push=np.array([each.alone for each in plain]),
         sag=np.array([each.sag for each in both]),
-        mass=np.array([_sum_masses(each) for each in made.values()]),
+        mass=np.array([mass_of(each) for each in made.values()]),
         change=change,
         made=made,
         places=tuple(map(tuple, values[reached].tolist())),
     )
 
 
-def _sum_masses(made: Assembled) -> float:
-    return sum(body.mass for body in made.mechanism.bodies)
+def mass_of(made: Assembled) -> float:
+    """Return the mass of a robot's solids and rigid bodies, kg."""
+    return mass_of_solids(made.robot, made.sources, made.results)

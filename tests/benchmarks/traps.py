@@ -25,47 +25,17 @@ import numpy as np
 import stiffscope
 from stiffscope.errors import InputError
 from stiffscope.gap.inference.diagnosis import to_json
+from tests.small_arm import describe_arm
 
 GRAVITY = np.array([0.0, 0.0, -9.81])
 NOISE = 3e-6  # m
 COORDINATES = ("q:J1", "q:J2", "q:J3")
-ARM = """
-name = "trap-arm"
-[bodies.link1]
-mass = "14 kg"
-centre = [0.0, 0.0, 0.25]
-[bodies.link2]
-mass = "9 kg"
-centre = [0.0, 0.0, 0.7]
-[bodies.link3]
-mass = "6 kg"
-centre = [0.25, 0.0, 1.0]
-[joints.J1]
-between = ["ground", "link1"]
-type = "revolute"
-at = [0.0, 0.0, 0.0]
-axis = [0.0, 0.0, 1.0]
-drive = { stiffness = "70 kN*m/rad" }
-[joints.J2]
-between = ["link1", "link2"]
-type = "revolute"
-at = [0.0, 0.0, 0.45]
-axis = [0.0, 1.0, 0.0]
-drive = { stiffness = "60 kN*m/rad" }
-[joints.J3]
-between = ["link2", "link3"]
-type = "revolute"
-at = [0.0, 0.0, 1.0]
-axis = [0.0, 1.0, 0.0]
-drive = { stiffness = "25 kN*m/rad" }
-[tool]
-body = "link3"
-at = [0.5, 0.0, 1.0]
-pose = ["x", "y", "z"]
-[gravity]
-acceleration = 9.81
-direction = [0, 0, -1]
-"""
+POINTS = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.45), (0.0, 0.0, 1.0))
+CENTRES = ((0.0, 0.0, 0.25), (0.0, 0.0, 0.7), (0.25, 0.0, 1.0))
+MASSES = (14.0, 9.0, 6.0)
+STIFFNESS = (70e3, 60e3, 25e3)
+TOOL = (0.5, 0.0, 1.0)
+ARM = describe_arm("trap-arm", MASSES, CENTRES, POINTS, STIFFNESS, TOOL)
 
 
 @dataclass(frozen=True)
@@ -94,10 +64,10 @@ class Drive:
 class Arm:
     """Three revolute joints about z, y and y, with masses and a tool point."""
 
-    drives: tuple = (Drive(70e3), Drive(60e3), Drive(25e3))
-    at: tuple = ((0.0, 0.0, 0.0), (0.0, 0.0, 0.45), (0.0, 0.0, 1.0))
-    tool: tuple = (0.5, 0.0, 1.0)
-    masses: tuple = ((14.0, (0, 0, 0.25)), (9.0, (0, 0, 0.7)), (6.0, (0.25, 0, 1.0)))
+    drives: tuple = tuple(map(Drive, STIFFNESS))
+    at: tuple = POINTS
+    tool: tuple = TOOL
+    masses: tuple = tuple(zip(MASSES, CENTRES, strict=True))
     weight: float = 1.0
     base: float = 0.0
     """Rotation of the base, rad/(N·m)."""

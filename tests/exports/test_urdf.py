@@ -114,3 +114,29 @@ def rotate(axis, angle):
     x, y, z = axis
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * cross @ cross
+
+
+def test_pinocchio_reads_the_same_places_and_masses(tmp_path):
+    pinocchio = pytest.importorskip("pinocchio")
+    robot = load_robot("serial-arm")
+    wanted = order(robot)
+    *_, urdf = read(tmp_path, wanted)
+    model = pinocchio.buildModelFromUrdf(str(urdf))
+    data = model.createData()
+    moves = np.random.default_rng(6).uniform(-0.9, 0.9, (10, 6))
+    found = configure_drives(rigid_mechanism(robot), moves)
+    rotation, position = found.frame("flange")
+    for k, values in enumerate(moves):
+        state = pinocchio.neutral(model)
+        for number, value in enumerate(values, start=1):
+            joint = model.joints[model.getJointId(f"J{number}")]
+            turning = joint.nq == 2  # a joint without limits: cosine and sine
+            pair = [np.cos(value), np.sin(value)] if turning else [value]
+            state[joint.idx_q : joint.idx_q + joint.nq] = pair
+        pinocchio.framesForwardKinematics(model, data, state)
+        tool = data.oMf[model.getFrameId("tool0")]
+        at = rotation[k] @ robot.tool.at + position[k]
+        np.testing.assert_allclose(tool.translation, at, atol=1e-12)
+        np.testing.assert_allclose(tool.rotation, rotation[k], atol=1e-12)
+    masses = sum(body.mass for body in wanted.assembled.mechanism.bodies)
+    assert pinocchio.computeTotalMass(model) == pytest.approx(masses, rel=1e-12)

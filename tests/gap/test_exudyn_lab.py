@@ -6,11 +6,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stiffscope.lab.blind.cases import BlindCase
+from stiffscope.errors import InputError
+from stiffscope.lab.blind import check
+from stiffscope.lab.blind.cases import BlindCase, Fault
 from stiffscope.lab.blind.check import Task, solve
 from stiffscope.lab.blind.drawing import prepare_case
 from stiffscope.lab.blind.laboratory import Lab, blind_robots
 from stiffscope.lab.faults import inject
+from stiffscope.lab.machine import NoEquilibriumError
 from stiffscope.lab.measuring import true_readings
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.workshop import workshop
@@ -70,3 +73,27 @@ def test_a_sound_machine_of_exudyn_has_no_gap(lab):
     (outcome,) = json.loads(files["outcome.json"])
     assert outcome["kind"] == "none"
     assert outcome["verdict"] == "no-gap"
+
+
+def test_a_machine_without_equilibrium_is_drawn_again_and_told(monkeypatch, tmp_path):
+    fault = Fault("backlash", "drive", {"half_width": 1e-5})
+
+    def draw(number, seed, lab):
+        return BlindCase("single", seed, (fault,))
+
+    def write(folder, number, case, lab):
+        if case.seed == 3:
+            raise NoEquilibriumError("pose: none")
+
+    monkeypatch.setattr(check, "draw_case", draw)
+    monkeypatch.setattr(check, "write_case", write)
+    case, redrawn = check._measure(tmp_path, Task("robot", 7, 3), None)
+    assert case.seed != 3
+    assert redrawn == ("backlash @ drive",)
+
+    def never(folder, number, case, lab):
+        raise NoEquilibriumError("pose: none")
+
+    monkeypatch.setattr(check, "write_case", never)
+    with pytest.raises(InputError, match="robot/campaign-007: expected a machine with"):
+        check._measure(tmp_path, Task("robot", 7, 3), None)

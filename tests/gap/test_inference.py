@@ -1019,9 +1019,9 @@ def test_a_main_cause_that_is_not_settled_is_ambiguous():
     assert {e.effect for e in small.effects} == {"effect-1"}
 
 
-@pytest.mark.parametrize(("size", "certain"), [(0.08, False), (0.2, True)])
+@pytest.mark.parametrize(("size", "certain"), [(0.02, False), (0.08, True)])
 def test_what_explains_less_than_a_twentieth_is_not_certain(size, certain):
-    """Of 0.5 and 0.08 of two effects, the second has a share of 3 %, however clearly it is seen."""
+    """Of 0.5 and 0.02 of two effects, the second moves readings by 4 % of the gap, however clearly it is seen."""
     model = linear_model(np.random.default_rng(21), parameters=(1,))
     found = conclude(find(planted(model, e0=(0.5,), e1=(size,))))
     assert (

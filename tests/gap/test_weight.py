@@ -11,48 +11,15 @@ from stiffscope.gap.campaigns import diagnose, open_case
 from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.robot.mechanism_of import rigid_mechanism
 from stiffscope.robot.nominal import NominalRobot
+from tests import small_arm
 
-ARM = """name = "arm"
-[bodies.link1]
-mass = "12 kg"
-centre = [0, 0, 0.25]
-[bodies.link2]
-mass = "8 kg"
-centre = [0, 0, 0.65]
-[bodies.link3]
-mass = "5 kg"
-centre = [0.2, 0, 0.9]
-[joints.J1]
-between = ["ground", "link1"]
-type = "revolute"
-at = [0, 0, 0]
-axis = [0, 0, 1]
-drive = { stiffness = "60 kN*m/rad" }
-[joints.J2]
-between = ["link1", "link2"]
-type = "revolute"
-at = [0, 0, 0.4]
-axis = [0, 1, 0]
-drive = { stiffness = "50 kN*m/rad" }
-[joints.J3]
-between = ["link2", "link3"]
-type = "revolute"
-at = [0, 0, 0.9]
-axis = [0, 1, 0]
-drive = { stiffness = "30 kN*m/rad" }
-[tool]
-body = "link3"
-at = [0.45, 0, 0.9]
-pose = ["x", "y", "z"]
-[gravity]
-direction = [0, 0, -1]
-"""
-AXES = np.array([[0.0, 0, 1], [0, 1, 0], [0, 1, 0]])
+AXES = np.array(small_arm.AXES)
 POINTS = np.array([[0.0, 0, 0], [0, 0, 0.4], [0, 0, 0.9]])
 CENTRES = np.array([[0, 0, 0.25], [0, 0, 0.65], [0.2, 0, 0.9]])
 MASSES = np.array([12.0, 8.0, 5.0])
 STIFFNESS = np.array([60e3, 50e3, 30e3])
 TOOL = np.array([0.45, 0, 0.9])
+ARM = small_arm.describe_arm("arm", MASSES, CENTRES, POINTS, STIFFNESS, TOOL)
 
 
 def turn(axis, angle):

@@ -902,6 +902,18 @@ def _five_bar(tmp_path, kind="6d", frame="left_end"):
     return FIVE_BAR.format(links=bodies, joints=joints)
 
 
+def test_a_joint_beyond_its_range_at_zero_stands_at_the_nearest_limit(imported):
+    text = """<mujoco><worldbody><body name="arm"><freejoint/><geom size="0.1"/>
+    <body name="leg" pos="0 0 -1"><joint name="knee" axis="0 1 0" range="30 90"/>
+    <geom size="0.1" pos="1 0 0"/></body></body></worldbody></mujoco>"""
+    model, robot, _ = imported(text, ".xml", drives=["knee=1000 N*m/rad"])
+    assert any("home of knee is beyond its range" in note for note in model.notes)
+    assert robot.joints["knee"].drive.range == pytest.approx((0.0, np.radians(60.0)))
+    centre = np.asarray(robot.bodies["leg"].centre) - robot.joints["knee"].at
+    assert centre == pytest.approx([np.cos(np.pi / 6), 0.0, -0.5])
+    assert configure(mechanism_of(robot, {}), [mechanism_of(robot, {}).tool.home]).valid
+
+
 @pytest.mark.parametrize(
     ("kind", "frame"), [("6d", "left_end"), ("3D", "left_end"), ("6d", "left_3")]
 )

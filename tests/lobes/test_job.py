@@ -21,6 +21,7 @@ from stiffscope.lobes.chatter import (
     stretch_of,
 )
 from stiffscope.lobes.cutting import cutting_of
+from stiffscope.lobes.damping import damping_of, pair_damping
 from stiffscope.lobes.engagement import one_direction
 from stiffscope.lobes.holder import HolderModes
 from stiffscope.lobes.levers import find_levers
@@ -80,7 +81,7 @@ def arm(tmp_path):
 def test_the_response_is_the_robots_own(arm):
     job, made = arm
     stretch = stretch_of(job, made)
-    response, _ = respond(job, made, stretch.found, stretch.axes)
+    response, _ = respond(made, stretch.found, stretch.axes, damping_of(job, made))
     hertz = np.array([5.0, 21.0, 40.0, 160.0])
     omega = np.tile(2.0 * np.pi * hertz, (len(stretch.points), 1))
     found = response.receptance(omega)
@@ -160,7 +161,9 @@ def test_levers_are_derivatives_of_the_limit(arm):
 
     def limit(assembled):
         found = configure(assembled.mechanism, stretch.found[one].poses)
-        response, _ = respond(job, assembled, found, stretch.axes[one])
+        response, _ = respond(
+            assembled, found, stretch.axes[one], damping_of(job, assembled)
+        )
         return found, response, find_critical(response, cutting.cut, speeds)
 
     found, response, critical = limit(made)
@@ -232,7 +235,7 @@ def test_measured_damping_is_that_of_the_nearest_mode(tmp_path):
     file = _write(tmp_path, lobes={"damping": '"measured"', "measured": '"modes.csv"'})
     job, made = _load(file)
     stretch = stretch_of(job, made)
-    response, shaken = respond(job, made, stretch.found, stretch.axes)
+    response, shaken = respond(made, stretch.found, stretch.axes, damping_of(job, made))
     near = np.where(shaken.frequencies < np.sqrt(20.0 * 200.0), 0.05, 0.01)
     assert response.damping == pytest.approx(near)
 
@@ -242,13 +245,17 @@ def test_measured_damping_is_that_of_the_nearest_mode(tmp_path):
     [
         ({}, {"damping": None}, "job.toml:12: lobes.damping: expected a ratio"),
         ({}, {"damping": "0"}, "lobes.damping: expected a damping ratio"),
-        ({}, {"damping": '"measured"'}, "expected a table of measured modes"),
+        ({}, {"damping": '"measured"'}, "expected a table or a campaign"),
         ({"teeth": "0"}, {}, "teeth: expected 1 to 1000"),
         ({"width": '"11 mm"'}, {}, "width: expected at most the diameter"),
         ({"material": '"C45E"'}, {}, "kt: expected kt or material, got both"),
         ({"radial": "0.2"}, {}, "kr: expected kr or radial, got both"),
         ({}, {"speeds": '["9000 rpm", "900 rpm"]'}, "speeds: expected a lower and"),
         ({}, {"damp": "0.1"}, "expected a known key (damping, "),
+        ({"kt": '"0 N/mm^2"'}, {}, "process.milling.kt: expected"),
+        ({"speed": '"0 rpm"'}, {}, "process.milling.speed: expected"),
+        ({"depth": '"-1 mm"'}, {}, "process.milling.depth: expected"),
+        ({}, {"damping_error": "2"}, "lobes.damping_error: expected"),
     ],
 )
 def test_bad_input_is_one_line(tmp_path, milling, lobes, said):
@@ -257,6 +264,126 @@ def test_bad_input_is_one_line(tmp_path, milling, lobes, said):
     assert said in str(caught.value)
     assert "\n" not in str(caught.value)
     assert "job.toml" in str(caught.value)
+
+
+TURNING = (
+    '[process.turning]\nkt = "1500 N/mm^2"\nkr = 0.4\ndiameter = "60 mm"\n'
+    'speed = "1200 rpm"\ndepth = "1 mm"\nlead = "75 deg"\n'
+)
+
+
+def _write_turning(folder, text=TURNING):
+    file = _write(folder)
+    written = file.read_text()
+    kept = written.partition("[process.milling]")[0]
+    lobes = "[lobes]" + written.partition("[lobes]")[2].partition("speeds")[0]
+    file.write_text(kept + text + lobes)
+    return file
+
+
+def test_turning_is_an_edge_in_one_direction(tmp_path):
+    job, made = _load(_write_turning(tmp_path))
+    cutting = cutting_of(job)
+    assert not cutting.cut.interrupted
+    found = find_lobes(job, made)
+    assert found.method == "zero-order"
+    # chip along n, force along c: b = 1 / (2 K max Re(nᵀ G c)) over the range of speeds at least
+    stretch = stretch_of(job, made)
+    response, _ = respond(made, stretch.found, stretch.axes, damping_of(job, made))
+    lead = np.deg2rad(75.0)
+    chip = np.array([np.sin(lead), 0.0, -np.cos(lead)])
+    force = np.array([0.0, 1.0, 0.0]) / np.sin(lead) - 0.4 * chip / np.sin(lead)
+    omega = np.tile(2.0 * np.pi * np.linspace(1.0, 400.0, 40_000), (len(chip), 1))
+    soft = np.einsum("i,nfij,j->nf", chip, response.receptance(omega), force)
+    least = 0.5 / (1.5e9 * soft.real.max(axis=1))
+    assert (found.along.critical.depth > least * 0.999).all()
+    assert found.along.critical.depth == pytest.approx(least, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (('"1 mm"', '"31 mm"'), "turning: depth: expected at most half the diameter"),
+        (('"75 deg"', '"0 deg"'), "process.turning.lead: expected"),
+        (("kr = 0.4", 'towards = "up"'), "process.turning.towards: expected"),
+    ],
+)
+def test_bad_turning_is_one_line(tmp_path, change, said):
+    with pytest.raises(InputError) as caught:
+        _load(_write_turning(tmp_path, TURNING.replace(*change)))
+    assert said.split(": ")[-1] in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_measured_holder_is_that_of_its_modes(tmp_path):
+    # a table of the clamped holder's response, computed from two modes
+    hertz = np.linspace(200.0, 3000.0, 1400)
+    omega = 2.0 * np.pi * hertz
+    modes = ((900.0, 0.02, 8e6), (1900.0, 0.03, 2e7))
+    whole = np.zeros(len(hertz), dtype=complex)
+    for frequency, damping, stiffness in modes:
+        ratio = hertz / frequency
+        whole += 1.0 / (stiffness * (1.0 - ratio**2 + 2j * damping * ratio))
+    noise = np.random.default_rng(0).normal(size=(2, len(hertz)))
+    whole = whole * (1.0 + 0.01 * (noise[0] + 1j * noise[1])) * -(omega**2)
+    table = np.column_stack([hertz, whole.real, whole.imag])
+    np.savetxt(
+        tmp_path / "holder.csv",
+        table,
+        delimiter=",",
+        header="frequency,H.re,H.im",
+        comments="",
+    )
+    file = _write(tmp_path)
+    text = file.read_text()
+    stated = "".join(
+        f'[[lobes.holder]]\nfrequency = "{f} Hz"\nstiffness = "{k} N/m"\n'
+        f'damping = {z}\ndirection = "radial"\n'
+        for f, z, k in modes
+    )
+    file.write_text(text + stated)
+    job, made = _load(file)
+    expected = critical_along(job, made)
+    file.write_text(
+        text + '[lobes.responses]\nfile = "holder.csv"\nradial = "1:+x"\n'
+        'channels = { H = "1:+x" }\nquantity = "accelerance"\n'
+    )
+    job, made = _load(file)
+    assert critical_along(job, made) == pytest.approx(expected, rel=0.02)
+    file.write_text(text)
+    job, made = _load(file)
+    assert critical_along(job, made) != pytest.approx(expected, rel=0.05)
+
+
+def test_damping_of_a_hammer_campaign_goes_with_the_shapes():
+    # the simulated test of the Biglide (make_tap.py) has 2 % in every mode, but for noise
+    job = load_job("examples/pocket/lobes-biglide.toml")
+    with workshop() as shop:
+        robots = {"robot": job.robot}
+        made = assemble_robots(robots, "published", shop)["robot"]
+    found = pair_damping(Path("examples/hammer"), made)
+    assert found[:4] == pytest.approx(0.02, rel=0.05)
+
+
+def test_a_map_holds_what_a_pose_gives(tmp_path):
+    file = _write(tmp_path, lobes={"points": "20"})
+    arguments = ["lobes", str(file), "--map", "--points", "3", "--quiet"]
+    out = tmp_path / "out"
+    cli([*arguments, "--out", str(out)], standalone_mode=False)
+    lines = (out / "map.csv").read_text().splitlines()
+    names = lines[0].split(",")
+    row = dict(zip(names, map(float, lines[1].split(",")), strict=True))
+    job, made = _load(file)
+    home = np.array(made.mechanism.tool.home)
+    pose = list(made.mechanism.tool.pose)
+    for name in pose:
+        home[pose.index(name)] = row.get(name, home[pose.index(name)])
+    found = configure(made.mechanism, home[None])
+    state = find_lobes(job, made, (("here",), found)).at
+    assert row["critical_depth"] == pytest.approx(state.critical.depth[0], rel=1e-6)
+    assert row["critical_low"] == pytest.approx(state.critical_low[0], rel=1e-6)
+    for name in ("depth.png", "map.nc", "report.html"):
+        assert (out / name).stat().st_size > 500
 
 
 def test_a_job_without_the_section_or_the_milling_is_refused(tmp_path):

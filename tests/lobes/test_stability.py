@@ -346,7 +346,7 @@ def test_bands_hold_95_per_cent_of_planted_machines(name):
             ),
         ):
             found = limits(stated)
-            width = relative_error(found, stated, force)[0]
+            width = relative_error(found, stated, force, method)[0]
             depth = limits(truth).depth[0] / stiffer
             hits.append(abs(np.log(depth / found.depth[0])) < width)
     assert 0.93 <= np.mean(inside) <= 0.97

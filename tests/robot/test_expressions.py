@@ -63,7 +63,7 @@ def test_a_name_with_a_dot_is_a_part_s_parameter():
         ("=sin(a).real", "expected only"),
         ("=a^2", r"a power is \*\*"),
         ("=sin", "without its argument"),
-        ("=atan2(1)", r"expected 2 argument\(s\) of atan2, got 1"),
+        ("=atan2(1)", r"expected 2 arguments of atan2, got 1"),
         ("=aa", 'did you mean "a"'),
         ("=1/0", "no division by zero"),
         ("=sqrt(-1)", "real value"),

@@ -248,3 +248,35 @@ def test_a_straight_curve_is_a_linear_drive():
             rtol=1e-10,
             atol=1e-6,
         )
+
+
+@pytest.mark.parametrize("turned", [0.0, 0.7])
+@pytest.mark.parametrize("carrier", ["first", "second"])
+def test_a_guide_tilts_the_tool_about_the_place_of_the_body_that_carries_it(
+    carrier, turned
+):
+    """1/C = 1/(radial + tilting · lever²); the lever grows by the stroke where the first carries it."""
+    radial = 2e-9
+    tilting = 3e-7
+    lever = 0.25
+    axis = np.array([np.cos(turned), np.sin(turned), 0.0])
+    stage = Joint(
+        "way",
+        "ground",
+        "table",
+        "prismatic",
+        [0, 0, 0],
+        axis,
+        drive=Drive(1e8),
+        compliance=np.diag([0.0, radial, radial, tilting, tilting, tilting]),
+        carried_by=carrier,
+    )
+    m = Mechanism((Body("table"),), (stage,), Tool("table", lever * axis, ("x",)))
+    strokes = np.array([-0.1, 0.0, 0.3, 0.4, 0.45, 0.5])  # more than are done singly
+    state = analyse(m, (lever + strokes)[:, None] * axis[0])
+    reach = lever + (strokes if carrier == "first" else 0.0 * strokes)
+    expected = 1.0 / (radial + tilting * reach**2)
+    assert state.alone[:, 2] == pytest.approx(expected, rel=1e-9)
+    assert state.compliance[:, 0, 0] == pytest.approx(
+        axis[0] ** 2 / 1e8 + (axis[1] ** 2 * (radial + tilting * reach**2)), rel=1e-9
+    )

@@ -5,11 +5,11 @@ from __future__ import annotations
 import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, check_word
 from stiffscope.vjm.model.checks import (
     assign,
     axes_along,
@@ -267,7 +267,8 @@ class Joint:
 
     ``at`` (3,) in m; ``axis`` (3,) is fixed to the first body, ``axis2`` of a universal joint to
     the second. Joint axes: x along ``axis``, y nearest to ``axis2`` (by default the next base axis;
-    without ``axis``, base axes), fixed to the first body, origin on the second. In these axes:
+    without ``axis``, base axes), fixed to the first body; origin on the second, or on the first if
+    that is what the bearing is ``carried_by`` while the second moves through it. In these axes:
     bearing ``compliance`` (6, 6), ``offset`` (6,) of the unloaded second body (encoder offset, lack
     of fit), ``astray`` (6,), the twist from the nominal to the actual joint; bodies at home, and
     poses, are nominal. ``spring`` in N/m or N·m/rad resists each free motion of a passive joint (a
@@ -287,9 +288,11 @@ class Joint:
     astray: Array | None = None
     spring: float | None = None
     rest: float = 0.0
+    carried_by: Literal["first", "second"] = "second"
 
     def __post_init__(self) -> None:
         here = check_name("joints", self.name)
+        check_word(f"{here}.carried_by", self.carried_by, ("first", "second"))
         if self.kind not in JOINT_TYPES:
             known = ", ".join(JOINT_TYPES)
             raise InputError(f"{here}.type: expected one of {known}, got {self.kind!r}")

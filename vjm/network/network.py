@@ -45,7 +45,7 @@ class Element:
     """``factor`` F (6, r) of the compliance F Fᵀ, ``free`` directions N (6, k), ``offset`` t₀ (6,).
 
     The last ``sprung`` columns of F are motions of a universal or spherical joint with springs. At
-    home, ``axes`` (3, 3) are fixed to the node ``carrier`` and the point ``at`` (3,) to ``second``.
+    home, ``axes`` (3, 3) are fixed to the node ``carrier`` and the point ``at`` (3,) to ``bearer``.
     ``group``: the body whose elements share coordinates; empty if it has its own.
     """
 
@@ -63,6 +63,13 @@ class Element:
     sprung: int = 0
     drawn: Joint | None = None
     """The nominal joint, if it is displaced."""
+
+    @property
+    def bearer(self) -> str:
+        """The node to which the point is fixed."""
+        if self.joint is not None and self.joint.carried_by == "first":
+            return self.first
+        return self.second
 
     @property
     def compliance(self) -> Array:
@@ -129,7 +136,7 @@ class Places:
 
     def frame(self, element: Element) -> Frame:
         """Return an element's frame relative to M: (n or 1, 3, 3) and (n or 1, 3)."""
-        place = self.point(element.second, element.at) - self.tool
+        place = self.point(element.bearer, element.at) - self.tool
         return Frame(self.axes(element.carrier, element.axes), place)
 
     def axes(self, node: str, home: Array) -> Array:
@@ -152,15 +159,15 @@ class Places:
         """Find the adjoints of elements at once: for few poses call overhead dominates."""
         n = len(self.tool)
         new = [e for e in elements if e.name not in self.known]
-        nodes = {node for e in new for node in (e.carrier, e.second)}
+        nodes = {node for e in new for node in (e.carrier, e.bearer)}
         if len(new) < _SEVERAL or any(len(self.rotation[node]) < n for node in nodes):
             return
         turns = {node: self.rotation[node] for node in nodes}
         axes = np.array([e.axes for e in new])
         at = np.array([e.at for e in new])
         rotation = np.array([turns[e.carrier] for e in new]) @ axes[:, None]
-        ends = np.array([turns[e.second] for e in new]) @ at[:, None, :, None]
-        place = ends[..., 0] + [self.position[e.second] for e in new] - self.tool
+        ends = np.array([turns[e.bearer] for e in new]) @ at[:, None, :, None]
+        place = ends[..., 0] + [self.position[e.bearer] for e in new] - self.tool
         self.known.update(
             zip((e.name for e in new), Frame(rotation, place).adjoint(), strict=True)
         )

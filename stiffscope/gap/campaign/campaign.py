@@ -22,6 +22,7 @@ from stiffscope.gap.campaign.quantities import AXES, kind_of
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from stiffscope.gap.campaign.quantities import ShownIn
     from stiffscope.gap.campaign.response_header import ResponseSetup
     from stiffscope.robot.file.parse import Source
     from stiffscope.runtime.types import Array, Flags, Indices
@@ -160,6 +161,8 @@ class Campaign:
     """Predicted values (n,): `value` for the model under test, rivals by column name."""
     coordinates: tuple[str, ...] = AXES[:3]
     """Names of the k commanded coordinates: tool pose or `q:JOINT`."""
+    shown_in: ShownIn = field(default_factory=dict[str, tuple[float, str]])
+    """Factor from SI and unit in which drives' coordinates are shown, once the robot is known."""
     sensors: tuple[Sensor, ...] = field(default_factory=tuple[Sensor, ...])
     sensor: Indices = field(default_factory=_no_codes)
     """Index (n,) into `sensors`; `AT_TOOL` for quantities at M."""

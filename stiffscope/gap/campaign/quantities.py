@@ -8,10 +8,12 @@ from stiffscope.gap.campaign import kinds
 from stiffscope.robot.file.quantities import shown_unit
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from stiffscope.gap.campaign.kinds.kind import Kind
     from stiffscope.runtime.types import Indices
+
+    ShownIn = Mapping[str, tuple[float, str]]
 
 AXES = kinds.AXES
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -39,11 +41,24 @@ def kind_of(quantity: Indices) -> Indices:
     return kinds.KIND_OF[quantity]
 
 
-def label_pose(coordinates: Sequence[str], pose: Sequence[float]) -> str:
-    """Return a pose as a label: "(100, 300, -1164 mm)", rotations in deg, drives in m and rad."""
+def label_pose(
+    coordinates: Sequence[str], pose: Sequence[float], shown_in: ShownIn | None = None
+) -> str:
+    """Return a pose as a label: "(100, 300, -1164 mm)", rotations in deg.
+
+    Parameters
+    ----------
+    coordinates, pose
+        Names and values, m and rad, of the k coordinates.
+    shown_in
+        Factor from SI and unit of drives' coordinates; without it they are in m and rad.
+    """
+    known = shown_in or {}
     shown: dict[str, list[str]] = {}
     for name, value in zip(coordinates, pose, strict=True):
-        factor, unit = shown_unit(name)
-        end = "" if name.startswith(JOINT) else f" {unit}"
-        shown.setdefault(end, []).append(f"{factor * value + 0.0:g}")
+        factor, unit = known.get(name) or shown_unit(name)
+        drive = name.startswith(JOINT)
+        end = "" if drive and name not in known else f" {unit}"
+        digits = f"{round(factor * value, 2) + 0.0:g}" if drive and end else None
+        shown.setdefault(end, []).append(digits or f"{factor * value + 0.0:g}")
     return f"({', '.join(', '.join(values) + unit for unit, values in shown.items())})"

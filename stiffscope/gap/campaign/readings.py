@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import os
 from dataclasses import replace
 from functools import partial
@@ -42,6 +43,8 @@ if TYPE_CHECKING:
 log = logging.getLogger(__name__)
 MOST_POSES = 2_000  # a diagnosis needs 0.02 s and 0.1 MB for each
 _BLIND = 30.0  # times the largest reading: an uncertainty in another unit
+_DEGREES = math.degrees(1.0), "deg"
+_MILLIMETRES = 1e3, "mm"
 _MOST_WORK = (
     2e10  # readings times the square of their instruments' unknowns: ten seconds
 )
@@ -359,7 +362,7 @@ def match_robot(campaign: Campaign, robot: RobotFile) -> Campaign:
         expected = f"expected at most {say_count(most, 'session')}, each with {unknown} of instruments, got more"
         raise InputError(f"{where}: session: {expected}")
     if not np.isnan(campaign.poses).any():
-        return _order_columns(campaign, robot)
+        return _label_drives(_order_columns(campaign, robot), robot)
     known = f"{robot.name}'s poses {', '.join(robot.known_poses)}"
     unknown = [
         f"{campaign.where(int(np.argmax(campaign.pose == k)))}: pose: expected one of {known}, got {name!r}"
@@ -377,6 +380,17 @@ def _state_weight(campaign: Campaign, robot: RobotFile) -> Campaign:
     if campaign.modelled is not None:
         return campaign
     return replace(campaign, modelled=("gravity",) if robot.gravity else ())
+
+
+def _label_drives(campaign: Campaign, robot: RobotFile) -> Campaign:
+    """Label poses of drives in mm and degrees, which only the robot tells apart."""
+    names = campaign.coordinates
+    if not names[0].startswith(of.JOINT):
+        return campaign
+    linear = {n for n in names if robot.dimension_of(n).unit == "m"}
+    shown_in = {n: _MILLIMETRES if n in linear else _DEGREES for n in names}
+    labels = (label_pose(names, pose, shown_in) for pose in campaign.poses.tolist())
+    return replace(campaign, shown_in=shown_in, pose_names=tuple(labels))
 
 
 def _order_columns(campaign: Campaign, robot: RobotFile) -> Campaign:

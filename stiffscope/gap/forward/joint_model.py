@@ -153,7 +153,7 @@ class JointModel:
     ) -> JointModel | None:
         """Return the model at the equilibria reached with these effects, if readings show them.
 
-        rest: what the effects leave (n,), which must be of the size of the difference.
+        rest: what the effects leave (n,), of readings first.
         """
         count = len(self.readings.campaign)
         if not count:

@@ -63,7 +63,9 @@ def plan_trial(
     direction = np.tile(axes[channels], n // per)
     trial = replace(
         c,
-        pose_names=tuple(label_pose(c.coordinates, pose) for pose in poses.tolist()),
+        pose_names=tuple(
+            label_pose(c.coordinates, pose, c.shown_in) for pose in poses.tolist()
+        ),
         poses=poses,
         pose=np.repeat(np.arange(len(poses)), rows),
         wrench=wrench,

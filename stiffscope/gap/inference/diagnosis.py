@@ -131,6 +131,8 @@ class Where:
     direction: dict[str, float]
     component: dict[str, float] = field(default_factory=dict[str, float])
     pose_names: tuple[str, ...] = ()
+    rows: tuple[str, ...] = ()
+    """File and line of the first reading at each pose."""
     pose: tuple[tuple[float, ...], ...] = ()
     """Rms residuals over sigma by pose and direction (x y z rx ry rz); NaN if not read."""
     unexplained: tuple[tuple[float, ...], ...] = ()
@@ -152,6 +154,8 @@ class NextMeasurement:
     """Expected ln-odds between these explanations."""
     position: dict[str, float] | None = None
     """Commanded coordinates by name, m and rad; None if poses are labels."""
+    label: str | None = None
+    """Drives' coordinates of the position in mm and degrees."""
     wrench: tuple[float, ...] | None = None
     pose: str | None = None
     quantity: str | None = None

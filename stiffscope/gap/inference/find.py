@@ -25,10 +25,9 @@ def find(model: ForwardModel, progress: Progress | None = None) -> Findings:
     known = found.fit_effects(found.best.words)
     if not lack_of_fit(found, known):
         return found
-    rest = (
-        np.where(found.used_readings, found.best.residual, 0.0)
-        * found.problem.noise.sigma
-    )
+    closest = min(found.hypotheses, key=found.chi2)  # beside a discrepancy much is left
+    rest = np.where(found.used_readings, closest.residual, 0.0)
+    rest = rest * found.problem.noise.sigma
     exact = found.model.find_equilibria(found.best.parameters, rest)
     if exact is None:
         return found

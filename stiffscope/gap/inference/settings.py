@@ -18,7 +18,7 @@ class VerdictSettings:
     mentioned: int = 3
     """Patterns: most mentioned as substitutes of an effect."""
     explains: float = 0.05
-    """Part of the gap beyond the noise: an effect whose share of what all explain is less is not
+    """Part of the gap beyond the noise: an effect without which no more than this is left is not
     certain, whatever its probability. Errors of a model are of this size."""
     unlisted: float = 0.5
     """Probability: of a cause outside the vocabulary once no known effect explains the gap."""

@@ -226,16 +226,18 @@ def _keep_explaining(
 def _explained_parts(found: Findings, whole: Hypothesis) -> dict[str, float]:
     """Return the part of the gap beyond the noise that each effect of a hypothesis explains.
 
-    It is its share of what all of them explain together, and no more than what is left without it:
-    of two effects that change the readings alike, one may have a share and yet add nothing.
+    It is what is left without it: of two effects that change the readings alike, one may have a
+    share and yet add nothing. Where errors of the model are left, which anything fits in part, it
+    is no more than its share of what all explain.
     """
     gap = max(_excess(found, found.none), 1e-300)
     left = _excess(found, whole)
+    share = shares(found, whole) if lack_of_fit(found, whole) else {}
     out: dict[str, float] = {}
-    for name, share in shares(found, whole).items():
-        rest = found.fit_effects(c for c in whole.candidates if c.name != name)
-        added = _excess(found, rest) - left
-        out[name] = min(share * (gap - left), added) / gap
+    for c in whole.candidates:
+        rest = found.fit_effects(each for each in whole.candidates if each is not c)
+        most = share.get(c.name, 1.0) * (gap - left)
+        out[c.name] = min(most, _excess(found, rest) - left) / gap
     return out
 
 

@@ -80,6 +80,7 @@ def _describe(
         position=dict(
             zip(c.coordinates, (float(v) for v in c.poses[pose]), strict=True)
         ),
+        label=c.pose_names[pose] if c.shown_in else None,
         wrench=None
         if np.isnan(c.wrench[row]).any()
         else tuple(float(w) for w in c.wrench[row]),

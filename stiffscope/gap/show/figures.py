@@ -106,7 +106,8 @@ def residual_map(diagnosis: Diagnosis) -> Figure | None:
     shade = LogNorm(0.5, max(2.0 * greatest / 1.9, 4.0), clip=True)
     rows = len(where.pose)
     width = 4.6 * len(grids) + 1.6
-    height = float(np.clip(1.4 + 0.27 * rows, 2.4, 14.0))
+    most = 14.0 if rows <= NAMED else 8.0
+    height = float(np.clip(1.4 + 0.27 * rows, 2.4, most))
     figure = new_figure(width, height, "Residuals over noise (rms of residual / σ)")
     panels = np.atleast_1d(figure.subplots(1, len(grids), sharey=True))
     style: Any = {
@@ -255,6 +256,7 @@ def corner(diagnosis: Diagnosis) -> Figure | None:
     width, height = (5.6, 3.4) if n == 1 else (2.2 * n + 1.2, 2.0 * n + 0.9)
     figure = new_figure(width, height, "Posterior of the parameters")
     figure.set_layout_engine("none")  # slow and unnecessary for a regular grid
+    small = max(7.0, 0.7 * width)  # legible where a page shrinks a wide figure
     grid = figure.add_gridspec(
         n,
         n,
@@ -269,10 +271,12 @@ def corner(diagnosis: Diagnosis) -> Figure | None:
     for i, row in enumerate(names):
         for j, column in enumerate(names[: i + 1]):
             axes = figure.add_subplot(grid[i, j])
-            axes.tick_params(labelsize=7, labelbottom=i == n - 1, labelleft=0 == j < i)
+            axes.tick_params(
+                labelsize=small, labelbottom=i == n - 1, labelleft=0 == j < i
+            )
             axes.locator_params(nbins=4)
-            axes.xaxis.offsetText.set_fontsize(7)
-            axes.yaxis.offsetText.set_fontsize(7)
+            axes.xaxis.offsetText.set_fontsize(small)
+            axes.yaxis.offsetText.set_fontsize(small)
             axes.ticklabel_format(style="sci", scilimits=(-2, 3), useMathText=False)
             axes.margins(x=0)
             if i == j:
@@ -285,13 +289,13 @@ def corner(diagnosis: Diagnosis) -> Figure | None:
                 axes.xaxis.offsetText.set_visible(False)
             else:
                 axes.set_xlabel(
-                    _axis_label(column, units[column]), fontsize=7, parse_math=False
+                    _axis_label(column, units[column]), fontsize=small, parse_math=False
                 )
             if j or not i:
                 axes.yaxis.offsetText.set_visible(False)
             else:
                 axes.set_ylabel(
-                    _axis_label(row, units[row]), fontsize=7, parse_math=False
+                    _axis_label(row, units[row]), fontsize=small, parse_math=False
                 )
     return figure
 

@@ -97,7 +97,8 @@ def write_diagnosis_report(
         Section("What to measure next", _lines([following] if following else [])),
         Section("Checks", checks, figures("predictive")),
     ]
-    lead = Lead(text.sentence(diagnosis), diagnosis.verdict)
+    doubt = text.warning(diagnosis)
+    lead = Lead(text.sentence(diagnosis), diagnosis.verdict, doubt)
     report.write(title, facts, sections, lead)
 
 
@@ -148,7 +149,8 @@ def _effects(diagnosis: Diagnosis) -> list[Shown]:
         if e.confused_with:
             others = ", ".join(map(text.label, e.confused_with))
             chance = e.group_probability
-            end = f"; one is present, probability {chance:.4f}." if chance > 0 else "."
+            present = f"; one is present, probability {text.certainty(chance)}."
+            end = present if chance > 0 else "."
             pair = f"{text.name(e.effect, e.place)} from {others}"
             lines.append(f"These readings cannot distinguish {pair}{end}")
     if diagnosis.possible:

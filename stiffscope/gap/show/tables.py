@@ -21,6 +21,9 @@ MOST_PAIRS = 10
 def show_diagnosis(diagnosis: Diagnosis) -> None:
     """Show the whole diagnosis."""
     show_line(f"\n{text.sentence(diagnosis)}\n", "bold")
+    doubt = text.warning(diagnosis)
+    if doubt:
+        show_line(f"{doubt}\n", "bold red")
     show_drives(diagnosis)
     if diagnosis.effects:
         show_effects(diagnosis)
@@ -75,7 +78,8 @@ def show_effects(diagnosis: Diagnosis, *, details: bool = False) -> None:
     for effect in diagnosis.effects:
         share = f"{100 * effect.share:.3g} %" if math.isfinite(effect.share) else ""
         name = f"{effect.effect} @ {effect.place}"
-        first = (name, f"{effect.probability:.4f}", share, percent(effect.gap_after))
+        chance = text.certainty(effect.probability)
+        first = (name, chance, share, percent(effect.gap_after))
         for k, parameter in enumerate(text.parameters(effect) or [("none", *[""] * 6)]):
             rows.append(
                 (*(("",) * 4 if k else first), *parameter[: len(shown) + len(more)])

@@ -25,6 +25,7 @@ DIRECTIONS = ("x", "y", "z", "rx", "ry", "rz")
 NOTABLE = (
     3.0  # difference from the model's value, in σ, above which a parameter is marked
 )
+COVERED = 0.9  # least share of readings held out within their 95 % intervals
 _PREFIXES = ((1.0, ""), (1e-3, "m"), (1e-6, "µ"), (1e-9, "n"), (1e-12, "p"))
 
 
@@ -67,6 +68,22 @@ def _tell_verdict(diagnosis: Diagnosis) -> str:
         left = f"{size} the noise remains unexplained, mostly in {rest}"
         return f"Partly: {named}; {shrinks}; {left}.{_group(diagnosis)}"
     return f"Identified: {named}; {shrinks}.{_group(diagnosis)}"
+
+
+def warning(diagnosis: Diagnosis) -> str:
+    """Return what casts doubt on all probabilities: too many readings outside their intervals."""
+    held = diagnosis.held_out_check
+    if held is None or not diagnosis.effects or held.inside_95 >= COVERED:
+        return ""
+    return (
+        f"Only {100 * held.inside_95:.1f} % of the readings at poses held out lie within their "
+        "95 % intervals: something is missing, and the probabilities only compare what is known."
+    )
+
+
+def certainty(value: float) -> str:
+    """Return a probability with four digits, never as one."""
+    return f"{value:.4f}" if value < 0.99995 else "> 0.9999"
 
 
 def gap_sizes(gap: Gap) -> tuple[str, ...]:
@@ -292,7 +309,10 @@ def what_next(step: NextMeasurement) -> str:
     """Return the next measurement as an instruction."""
     place = f"at pose {step.pose}" if step.pose else ""
     if step.position is not None:
-        place = f"at {name_pose(step.position.values(), tuple(step.position))}"
+        names = tuple(step.position)
+        place = f"at {name_pose(step.position.values(), names)}"
+        if step.label:
+            place = f"at {', '.join(names)} = {step.label.strip('()')}"
     action = f"read {step.quantity} {place}" if step.quantity else f"measure {place}"
     if step.sensors:
         action = f"read {', '.join(step.sensors)} ({step.quantity}) {place}"
@@ -330,6 +350,12 @@ def shares(robot: RobotFile, diagnosis: Diagnosis) -> dict[str, float]:
     return out
 
 
+def _name_row(where: Where, number: int) -> str:
+    """Return a pose by its label, and where its readings begin."""
+    row = f" from {where.rows[number]}" if where.rows else ""
+    return f"{where.pose_names[number]}{row}"
+
+
 def describe_location(where: Where) -> list[str]:
     """Return where the gap lies: by direction, by component, and the worst poses."""
     largest = sorted(where.component.items(), key=lambda item: -item[1])[:6]
@@ -352,5 +378,5 @@ def describe_location(where: Where) -> list[str]:
     ]
     worst = sorted(range(len(sizes)), key=lambda k: -sizes[k])[:3]
     if len(sizes) > 1:
-        lines.append("worst poses: " + ", ".join(where.pose_names[k] for k in worst))
+        lines.append("worst poses: " + "; ".join(_name_row(where, k) for k in worst))
     return lines

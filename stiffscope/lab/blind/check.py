@@ -18,6 +18,7 @@ from stiffscope.lab.blind.cases import SEAL, seal, unseal
 from stiffscope.lab.blind.drawing import draw_case, is_imitated, write_case
 from stiffscope.lab.blind.laboratory import Lab
 from stiffscope.lab.blind.scores import Outcome, outcome_of, score
+from stiffscope.lab.machine import NoEquilibriumError
 from stiffscope.runtime.executor import Shared, work_through
 from stiffscope.runtime.output import scratch_folder, write_bytes
 from stiffscope.runtime.reading import read_text, why
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from pathlib import Path
 
+    from stiffscope.lab.blind.cases import BlindCase
     from stiffscope.lab.blind.laboratory import BlindRobot
     from stiffscope.lab.blind.scores import Scores
 
@@ -36,6 +38,8 @@ if TYPE_CHECKING:
 OUTCOME = "outcome.json"
 DIAGNOSES = ("diagnosis.json", "diagnosis-without.json")
 _RUN = "run.json"
+_DRAWN = 8  # cases drawn, at most, for one with an equilibrium
+_APART = 1_000_003  # between their seeds
 _labs: dict[str, Lab] = {}
 
 
@@ -235,9 +239,8 @@ def solve(robot: BlindRobot, task: Task) -> Files:
     lab = _labs.get(robot.name)
     if lab is None or lab.robot is not robot:
         lab = _labs[robot.name] = Lab(robot)
-    case = draw_case(task.number, task.seed, lab)
     with scratch_folder() as folder:
-        write_case(folder, task.number, case, lab)
+        case, redrawn = _measure(folder, task, lab)
         found = {"": _diagnose(robot, folder, "")}
         if case.kind == "single":
             effect = case.faults[0].effect
@@ -252,6 +255,7 @@ def solve(robot: BlindRobot, task: Task) -> Files:
                 left_out=effect,
                 robot=robot.name,
                 imitated=alike,
+                redrawn=redrawn,
             )
             for effect, data in found.items()
         ]
@@ -264,6 +268,23 @@ def solve(robot: BlindRobot, task: Task) -> Files:
         files[DIAGNOSES[bool(effect)]] = _text(data)
     files[OUTCOME] = _text([asdict(outcome) for outcome in outcomes])
     return files
+
+
+def _measure(folder: Path, task: Task, lab: Lab) -> tuple[BlindCase, tuple[str, ...]]:
+    """Draw and measure a case; return it with the effects of those that have no equilibrium."""
+    redrawn: list[str] = []
+    for attempt in range(_DRAWN):
+        case = draw_case(task.number, task.seed + attempt * _APART, lab)
+        try:
+            write_case(folder, task.number, case, lab)
+        except NoEquilibriumError:
+            redrawn.append(" + ".join(fault.name for fault in case.faults) or "none")
+            continue
+        return case, tuple(redrawn)
+    raise InputError(
+        f"{task.folder}: expected a machine with an equilibrium under its loads, got none in "
+        f"{_DRAWN} drawn: {'; '.join(redrawn)}"
+    )
 
 
 def _diagnose(robot: BlindRobot, folder: Path, left_out: str) -> dict[str, Any]:

@@ -50,6 +50,8 @@ class Outcome:
     """Probability of each named or possible effect, and whether it is true."""
     imitated: bool = False
     """Whether a few effects of the library mimic an outside one."""
+    redrawn: tuple[str, ...] = ()
+    """Effects drawn before, with which the mechanics that measures found no equilibrium."""
 
     @property
     def right(self) -> bool:
@@ -88,6 +90,7 @@ def outcome_of(
     left_out: str = "",
     robot: str = "",
     imitated: bool = False,
+    redrawn: tuple[str, ...] = (),
 ) -> Outcome:
     """Return the outcome of a campaign.
 
@@ -99,7 +102,7 @@ def outcome_of(
         Its diagnosis.json, and `evidence` if known.
     same
         Function to the canonical name of an effect at a place.
-    left_out, robot, imitated
+    left_out, robot, imitated, redrawn
         See `Outcome`.
     """
     truth = {same(fault.name): fault.parameters for fault in case.faults}
@@ -131,6 +134,7 @@ def outcome_of(
         style=case.style,
         stated=() if left_out or case.kind == "outside" else tuple(stated),
         imitated=imitated,
+        redrawn=redrawn,
     )
 
 

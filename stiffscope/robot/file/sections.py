@@ -175,6 +175,7 @@ class JointSection(Section):
     at: v.Point
     compliance: AnyBearing | None = None
     bearing: Bearings = None
+    carried_by: Literal["first", "second"] = "second"
 
     made: ClassVar[JointType]
 

@@ -42,6 +42,7 @@ from stiffscope.robot.parameters import parameters
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.output import write_json
 from stiffscope.runtime.workshop import workshop
+from stiffscope.statics.comparison import mass_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -125,6 +126,8 @@ def run(
         def show() -> None:
             _show_parts(now)
             _show_robot(now, states)
+            if "before" in solved:
+                tables.show_masses(*map(mass_of, (solved["before"], now)))
 
         tested = {
             part: compliance_json(robot, result) for part, result in now.results.items()
@@ -145,9 +148,12 @@ def run(
 
 def _suggest(name: str, now: Assembled) -> str:
     """Return what to ask next: the effect of a change, what changes most, and a page with sliders."""
-    names = [each.name for each in parameters(now.robot)]
-    of_parts = [each for each in names if each.split(".")[0] in now.robot.parts]
-    change = "".join(f"run {name} --set {key}=..., " for key in (of_parts or names)[:1])
+    known = parameters(now.robot)
+    lengths = [
+        each.name for each in known if each.key[0] == "parts" and each.unit == "m"
+    ]
+    keys = lengths or [each.name for each in known]
+    change = "".join(f"run {name} --set {key}=..., " for key in keys[:1])
     return f"stiffscope {change}sensitivity {name}, or live {name}"
 
 
@@ -257,6 +263,7 @@ def _show_step(step: _Step, before: _Step | None) -> None:
     tables.show_change(
         names, before.state.matrix, step.state.matrix, changed or ["no value"], bars
     )
+    tables.show_masses(*map(mass_of, (before.robot, step.robot)))
 
 
 def _folder_of(

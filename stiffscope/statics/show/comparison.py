@@ -67,7 +67,7 @@ def show_robots(found: RobotComparison) -> None:
     show_line(f"  {PUSH_WORDS}")
     groups = [["pose"], ["component", "unit", first, second]]
     show_table("Sag under their own weight", groups, sags, prose=_WORDS)
-    masses = ("moving bodies", *_compare(found.mass, 1.0))
+    masses = ("solids and rigid bodies", *_compare(found.mass, 1.0))
     show_table("Mass", [["kg", first, second, "change"]], [masses])
 
 
