@@ -78,14 +78,22 @@ class JointModel:
             for block in read_lines(measured, self.width)
         )
 
-    @cached_property
+    @property
     def campaign(self) -> Campaign:
         """Static readings and lines."""
-        return join_responses(self.readings.campaign, self.blocks)
+        return self._campaign
 
     @cached_property
+    def _campaign(self) -> Campaign:
+        return join_responses(self.readings.campaign, self.blocks)
+
+    @property
     def coarse(self) -> JointModel | None:
         """The same model by local means of lines, in which a search starts; None if it is that."""
+        return self._coarse
+
+    @cached_property
+    def _coarse(self) -> JointModel | None:
         if self.width:
             return None
         return JointModel(self.readings, self.responses, WIDTH, self.known)
