@@ -140,6 +140,39 @@ def test_responses_alone_have_one_pose_a_set_up(tmp_path):
     assert campaign.find_pose_rows() == ("tap.csv",)  # lines of responses have no rows
 
 
+def write_lines(folder, first, second):
+    """Write a campaign of two responses at as many lines as given."""
+    write(folder)
+    rows = enumerate(zip(first, second, strict=True), start=1)
+    lines = [f"{k},{h},0,{g},0" for k, (h, g) in rows]
+    (folder / "tap.csv").write_text(
+        "\n".join(["frequency,H.re,H.im,G.re,G.im", *lines])
+    )
+    return folder
+
+
+@pytest.mark.parametrize("count", [3, 40])
+def test_a_line_of_exactly_zero_tells_nothing(tmp_path, count):
+    level = np.linspace(1.0, 2.0, count)
+    level[1] = 0.0
+    model = model_of(write_lines(tmp_path, level, level))
+    lines = model.blocks[0]
+    blank = lines.value == 0.0
+    assert blank.any()
+    assert lines.sigma[blank] == pytest.approx(2e-6)  # the largest line
+    assert lines.sigma[~blank].max() < 1e-6
+    assert np.isfinite(model.predict().values).all()
+
+
+def test_a_channel_that_is_zero_everywhere_is_left_out_and_named(tmp_path):
+    model = model_of(write_lines(tmp_path, [0.0] * 3, [1.0] * 3))
+    assert len(model.campaign) == 2 * 3
+    (remark,) = model.remarks(model.noise(), np.zeros(6))
+    assert "3:+x to 3:-y is zero at every line" in remark
+    with pytest.raises(InputError, match="expected lines other than zero"):
+        _ = model_of(write_lines(tmp_path, [0.0] * 3, [0.0] * 3)).campaign
+
+
 def test_a_pose_that_lost_its_readings_has_no_row():
     campaign = open_case("gauges").campaign
     rows = campaign.find_pose_rows()

@@ -118,6 +118,8 @@ def read_lines(
 ) -> tuple[ResponseBlock, ...]:
     """Return the lines of a set-up that tell, or their local means.
 
+    Responses that are zero at every line are left out (`find_silent`).
+
     Parameters
     ----------
     measured
@@ -126,7 +128,8 @@ def read_lines(
         Standard deviation of the window of a local mean, relative to frequency; 0: lines.
     """
     blocks = list[ResponseBlock]()
-    for responses in _group_by_lines(measured.responses):
+    heard = [each for each in measured.responses if each.receptance.any()]
+    for responses in _group_by_lines(heard):
         own = replace(measured, responses=tuple(responses))
         scatter = np.array(
             [find_scatter(each, measured.setup.averages) for each in responses]
@@ -137,6 +140,16 @@ def read_lines(
         find = _find_means if width else _find_lines
         blocks.append(find(own, scatter, damping, width, settings))
     return tuple(blocks)
+
+
+def find_silent(measured: MeasuredResponses) -> tuple[str, ...]:
+    """Return a remark on each response of a set-up that is zero at every line."""
+    return tuple(
+        f"{each.source}: response {each.force} to {each.motion} is zero at every line: "
+        "left out"
+        for each in measured.responses
+        if not each.receptance.any()
+    )
 
 
 def _group_by_lines(responses: Sequence[Response]) -> list[list[Response]]:
@@ -205,11 +218,8 @@ def _find_means(
 
 def find_peaks(responses: Sequence[Response]) -> Indices:
     """Return the lines with a resonance in the rms level of all responses."""
-    levels = [
-        np.abs(response.receptance) / np.median(np.abs(response.receptance))
-        for response in responses
-        if response.receptance.any()
-    ]
+    sizes = [np.abs(response.receptance) for response in responses]
+    levels = [size / np.median(size[size > 0.0]) for size in sizes if size.any()]
     if not levels:
         return np.zeros(0, dtype=np.int64)
     size = np.sqrt(np.mean(np.square(levels), axis=0))

@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.campaign.response_lines import join_responses, read_lines
+from stiffscope.errors import InputError
+from stiffscope.gap.campaign.response_lines import (
+    find_silent,
+    join_responses,
+    read_lines,
+)
 from stiffscope.gap.effects.masses import Gravity
 from stiffscope.gap.effects.vocabulary import find_candidates
 from stiffscope.gap.forward.forward_model import Noise
@@ -85,7 +90,10 @@ class JointModel:
 
     @cached_property
     def _campaign(self) -> Campaign:
-        return join_responses(self.readings.campaign, self.blocks)
+        joined = join_responses(self.readings.campaign, self.blocks)
+        if not len(joined):
+            raise InputError("responses: expected lines other than zero, got none")
+        return joined
 
     @property
     def coarse(self) -> JointModel | None:
@@ -194,14 +202,15 @@ class JointModel:
         return self.readings.trial(sigma[: len(self.readings.campaign)])
 
     def remarks(self, noise: Noise, unexplained: Array) -> tuple[str, ...]:
-        """Return remarks on the static readings' residuals."""
+        """Return remarks on silent responses, and on the static readings' residuals."""
+        silent = [text for each in self.responses for text in find_silent(each)]
         count = len(self.readings.campaign)
         if not count:
-            return ()
+            return tuple(silent)
         own = replace(
             noise,
             sigma=noise.sigma[:count],
             used=noise.used[:count],
             scaled=noise.scaled[:count],
         )
-        return self.readings.remarks(own, unexplained[:count])
+        return (*silent, *self.readings.remarks(own, unexplained[:count]))
