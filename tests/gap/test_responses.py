@@ -4,6 +4,7 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from stiffscope.gap.campaigns import compare_responses, open_case, rough_mechani
 from stiffscope.gap.diagnose import forward_model
 from stiffscope.gap.forward.response_doubts import find_channel_doubts
 from stiffscope.gap.forward.response_model import predict_responses
+from stiffscope.gap.inference.lack_of_fit import misses_lines
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.model.bodies import Body
@@ -171,6 +173,16 @@ def test_a_channel_that_is_zero_everywhere_is_left_out_and_named(tmp_path):
     assert "3:+x to 3:-y is zero at every line" in remark
     with pytest.raises(InputError, match="expected lines other than zero"):
         _ = model_of(write_lines(tmp_path, [0.0] * 3, [0.0] * 3)).campaign
+
+
+def test_lines_left_beyond_their_noise_are_a_reason():
+    lines = np.array([False, True, True])
+    used = np.array([True, True, True])
+    campaign = SimpleNamespace(in_blocks=lines)
+    found = SimpleNamespace(campaign=campaign, used_readings=used)
+    found.residual = np.array
+    assert misses_lines(found, [9.0, 1.0, -1.0]) == ""
+    assert "left at 3 times their noise" in misses_lines(found, [0.0, 3.0, -3.0])
 
 
 def test_a_pose_that_lost_its_readings_has_no_row():
