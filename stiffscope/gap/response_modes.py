@@ -19,7 +19,7 @@ from scipy.optimize import linear_sum_assignment
 from stiffscope.gap.campaign.response_lines import find_peaks
 from stiffscope.gap.forward.joint_model import JointModel
 from stiffscope.gap.inference.diagnosis import ResponseModes, SetupModes
-from stiffscope.gap.inference.residuals import AbsoluteGap
+from stiffscope.gap.inference.residuals import AbsoluteGap, split_by_kind
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -47,6 +47,8 @@ def describe_responses(
 ) -> tuple[dict[str, SetupModes], dict[str, AbsoluteGap]]:
     """Return the modes of each set-up, and the absolute gaps of lines (dB) and modes (Hz).
 
+    Beside readings of frequencies, which have the gap "frequency", that of modes is "mode frequency".
+
     Parameters
     ----------
     found
@@ -71,19 +73,24 @@ def describe_responses(
         sizes = _rms(own.before), _rms(own.after), _rms(own.noise)
         if known is None:
             setups[name] = SetupModes(rows, *sizes)
-    return setups, _find_gaps(levels, setups)
+    beside = "mode " if "frequency" in split_by_kind(found.campaign) else ""
+    return setups, _find_gaps(levels, setups, f"{beside}frequency")
 
 
 def _compare_levels(before: ResponseState, after: ResponseState) -> _Levels:
-    """Return differences of levels at the lines that are more than noise."""
+    """Return differences of levels at the lines that are more than noise.
+
+    A predicted level is at least that of the noise, as at nodes of modes, where it is zero.
+    """
     block = before.block
     size = np.abs(block.value)
     heard = size > 2.0 * block.sigma
     level = np.log(np.where(heard, size, 1.0))
-    first, last = (
-        _DECIBEL * (np.log(np.abs(block.read(state.lines)[heard])) - level[heard])
+    predicted = (
+        np.maximum(np.abs(block.read(state.lines)), block.sigma)
         for state in (before, after)
     )
+    first, last = (_DECIBEL * (np.log(each) - level)[heard] for each in predicted)
     noise = _DECIBEL * (block.sigma / np.where(heard, size, 1.0))[heard]
     return _Levels(first, last, noise)
 
@@ -129,9 +136,9 @@ def _rms(values: Array) -> float:
 
 
 def _find_gaps(
-    levels: Sequence[_Levels], setups: dict[str, SetupModes]
+    levels: Sequence[_Levels], setups: dict[str, SetupModes], name: str
 ) -> dict[str, AbsoluteGap]:
-    """Return the gaps of lines in dB, and of modes in Hz and relative."""
+    """Return the gaps of lines in dB, and of modes, by this name, in Hz and relative."""
     nan = float("nan")
     joined = [
         _rms(np.concatenate([getattr(each, side) for each in levels]))
@@ -148,6 +155,6 @@ def _find_gaps(
         measured, before, after = np.array(rows).T
         sizes = _rms(before - measured), _rms(after - measured)
         shares = _rms(before / measured - 1.0), _rms(after / measured - 1.0)
-        out["frequency"] = AbsoluteGap("Hz", *sizes, nan, nan)
-        out["frequency_relative"] = AbsoluteGap("1", *shares, nan, nan)
+        out[name] = AbsoluteGap("Hz", *sizes, nan, nan)
+        out[f"{name}_relative"] = AbsoluteGap("1", *shares, nan, nan)
     return out
