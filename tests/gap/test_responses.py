@@ -208,6 +208,32 @@ def test_a_line_predicted_as_zero_has_the_level_of_the_noise(tmp_path):
     assert 10.0 < gaps["response"].before <= most < 60.0
 
 
+def test_modes_are_paired_over_all_lines_of_a_set_up():
+    def thin(measured):
+        """The same responses, but some of them with every second line."""
+        coarse = [halve(each) for each in measured.responses[:2]]
+        return replace(measured, responses=(*coarse, *measured.responses[2:]))
+
+    def halve(response):
+        return replace(
+            response,
+            frequency=response.frequency[::2],
+            receptance=response.receptance[::2],
+            coherence=response.coherence[::2],
+        )
+
+    model = model_of(HAMMER)
+    whole = describe(model)[0]["tap"].modes
+    mixed = describe(model, thin)[0]["tap"].modes
+    assert len(mixed) == len(whole) > 0
+    for known, other in zip(whole, mixed, strict=True):
+        assert other.measured == pytest.approx(known.measured, rel=0.01)
+        assert other.before == pytest.approx(known.before, nan_ok=True)
+        assert other.mac_before == pytest.approx(
+            known.mac_before, abs=0.05, nan_ok=True
+        )
+
+
 def test_lines_left_beyond_their_noise_are_a_reason():
     lines = np.array([False, True, True])
     used = np.array([True, True, True])
