@@ -25,7 +25,7 @@ from stiffscope.vjm.kinematics.configurations import configure
 from stiffscope.vjm.model.checks import BASE
 from stiffscope.vjm.model.joints import Drive
 from stiffscope.vjm.model.mechanism import Change
-from stiffscope.vjm.vibration.coordinates import PointMass, PointSpring
+from stiffscope.vjm.vibration.coordinates import PointMass
 from tests.vjm import dense_modes
 
 NOISE = 0.02
@@ -217,15 +217,6 @@ def test_derivatives_are_differences(stewart):
         for mass in (2e-4, 0.0)
     ]
     compare(own, *sides, 1e-4)
-    stiffness = np.diag([1.0, 2.0, 0.5, 0.1, 0.0, 0.2])
-    own = state.pull("platform", at, stiffness[None])[..., 0]
-    sides = [
-        state_of(
-            stewart, LINES, springs=(PointSpring("platform", at, size * stiffness),)
-        )
-        for size in (200.0, 0.0)
-    ]
-    compare(own, *sides, 100.0)
 
 
 @pytest.mark.parametrize("coherent", [True, False])
@@ -309,4 +300,5 @@ def test_a_hose_gets_no_false_name(stewart, rng):
     hose = np.array([0.1, 0.1, 0.35]), np.diag([3e6, 1e6, 5e6, 0.0, 0.0, 0.0])
     found = diagnose_struck(stewart, rng, stewart[1], spring=hose)
     assert found.verdict == "unexplained"
+    assert any("nothing is certain" in remark for remark in found.remarks)
     assert not found.effects
