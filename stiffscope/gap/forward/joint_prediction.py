@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.effects.effect import Payload
-from stiffscope.gap.forward.response_state import ResponseState
+from stiffscope.gap.forward.response_state import MassRate, ResponseState
 from stiffscope.gap.forward.robot_prediction import Pattern
 from stiffscope.vjm.vibration.coordinates import PointMass
 
@@ -126,7 +125,7 @@ class JointPrediction:
             if rates.any():
                 at = measured.places[point.name]
                 heavier = [
-                    Payload(point.body, at, float(rate), np.zeros(3)) for rate in rates
+                    MassRate(point.body, at, float(rate), np.zeros(3)) for rate in rates
                 ]
                 out = out + state.load(heavier, count)
         return state.derive(out)
@@ -144,15 +143,11 @@ class JointPrediction:
         return np.concatenate([read, lines])
 
 
-def _find_payloads(step: Step) -> list[Payload]:
+def _find_payloads(step: Step) -> list[MassRate]:
     """Return the derivative of the payloads by a parameter."""
     (ahead, behind, width) = step
-    out = list[Payload]()
-    for more, less in zip(ahead.payloads, behind.payloads, strict=True):
-        mass = (more.mass - less.mass) / width
-        moments = (more.moments - less.moments) / width
-        out.append(Payload(more.body, more.at, mass, moments))
-    return out
+    pairs = zip(ahead.payloads, behind.payloads, strict=True)
+    return [MassRate.between(more, less, width) for more, less in pairs]
 
 
 def _find_mass_rate(step: Step, point: str) -> float:

@@ -136,6 +136,42 @@ def _leave_gain(gain: Complex, change: Complex) -> Complex:
 
 
 @dataclass(frozen=True, eq=False)
+class MassRate:
+    """Derivative of a body's inertia by a parameter, about the home point ``at`` (3,).
+
+    Attributes
+    ----------
+    mass, moments, inertia
+        Rates of mass, first moments (3,) and moments of inertia (3, 3), home axes.
+    """
+
+    body: str
+    at: Array
+    mass: float
+    moments: Array
+    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
+
+    @classmethod
+    def between(cls, more: Payload, less: Payload, width: float) -> MassRate:
+        """Return the rate between the payloads of two values that are ``width`` apart."""
+        return cls(
+            body=more.body,
+            at=more.at,
+            mass=(more.mass - less.mass) / width,
+            moments=(more.moments - less.moments) / width,
+            inertia=(_find_inertia(more) - _find_inertia(less)) / width,
+        )
+
+
+def _find_inertia(payload: Payload) -> Array:
+    """Return the inertia (3, 3) of a payload about its point: ``(|h|² 1 - h hᵀ) / m``."""
+    h = payload.moments
+    if not payload.mass:
+        return np.zeros((3, 3))
+    return (h @ h * np.eye(3) - np.outer(h, h)) / payload.mass
+
+
+@dataclass(frozen=True, eq=False)
 class ResponseState:
     """One block of responses of a robot with changed elements and masses; all lazy and cached.
 
@@ -454,21 +490,22 @@ class ResponseState:
             count,
         )
 
-    def load(self, payloads: Sequence[Payload | None], count: int) -> Complex:
-        """Return derivatives (r, f, k) by payloads, one for each of k parameters or None."""
+    def load(self, rates: Sequence[MassRate | None], count: int) -> Complex:
+        """Return derivatives (r, f, k) by masses, one for each of k parameters or None."""
         out = self._sum((), count)
         where = self.modal.system.where
-        for k, payload in enumerate(payloads):
-            if payload is None:
+        for k, rate in enumerate(rates):
+            if rate is None:
                 continue
-            moved = self.move(payload.body, payload.at)
-            turn = np.asarray(where.rotation[payload.body]).reshape(-1, 3, 3)[0]
-            arm = turn @ payload.moments
+            moved = self.move(rate.body, rate.at)
+            turn = np.asarray(where.rotation[rate.body]).reshape(-1, 3, 3)[0]
+            arm = turn @ rate.moments
             matrix = np.zeros((6, 6))
-            matrix[:3, :3] = payload.mass * np.eye(3)
+            matrix[:3, :3] = rate.mass * np.eye(3)
             lever = np.cross(np.eye(3), arm).T  # v · (ω × a)
             matrix[:3, 3:] = lever
             matrix[3:, :3] = lever.T
+            matrix[3:, 3:] = turn @ rate.inertia @ turn.T
             out[..., k] = -(self.s**2) * self._pair(moved, matrix[None])[..., 0]
         return out
 
