@@ -1,14 +1,18 @@
 """Published datasets converted: the robot file has the authors' geometry, the campaign their readings."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import yaml
 from scipy.io import savemat
 
 from examples.measured import dropbear, hilti
+from examples.measured.arm import write_positions
+from examples.measured.ladder import fit_ladder
 from examples.measured.motoman import ARMS, JOINTS, convert
-from stiffscope.gap.campaign.readings import load_campaign
-from stiffscope.gap.campaigns import diagnose
+from stiffscope.gap.campaign.readings import load_campaign, match_robot
+from stiffscope.gap.campaigns import diagnose, open_case
 from stiffscope.gap.forward.placing import align_points
 from stiffscope.robot.mechanism_of import rigid_mechanism
 from stiffscope.robot.reader import load_robot
@@ -185,3 +189,31 @@ def test_a_roller_whose_place_is_wrong_is_named(tmp_path):
     assert [effect.place for effect in found.effects] == [dropbear.PLACE]
     change = found.effects[0].parameters["change"]
     assert abs(change.value - 7e-3) < 3.0 * change.sigma
+
+
+def test_postures_are_labelled_in_degrees(tmp_path):
+    """Drives that turn: labels in degrees, to a hundredth, once the robot tells what they are."""
+    arm = ARMS["left"]
+    home = np.array([-0.2, 0.8, -0.6, 1.7, 0.3, 1.5])
+    angles = home + np.radians([[1.0, 2.0, 3.0, -4.0, 5.0, 6.254]])
+    seen = np.array([arm.target_at(angles[0])])
+    write_positions(arm, tmp_path, home, angles, seen, sigma=1e-5, at_sigma=0.01)
+    case = open_case(tmp_path)
+    matched = match_robot(case.campaign, case.robot)
+    assert matched.pose_names == ("(1, 2, 3, -4, 5, 6.25 deg)",)
+
+
+def test_the_ladder_ends_where_planted_errors_of_axes_are_found():
+    """Positions of an arm with a wrong zero and a wrong axis: zeros leave a rest, axes none."""
+    rng = np.random.default_rng(2)
+    arm = ARMS["left"]
+    home = np.array([-0.2, 0.8, -0.6, 1.7, 0.3, 1.5])
+    angles = home + rng.uniform(-0.6, 0.6, (25, 6))
+    rows = list(arm.rows)
+    rows[1] = (rows[1][0], rows[1][1], rows[1][2] + 1e-3, rows[1][3])
+    rows[2] = (*rows[2][:3], rows[2][3] + 2e-3)
+    true = replace(arm, rows=tuple(rows))
+    seen = np.array([true.target_at(each) for each in angles])
+    left = {name: fitted for name, fitted, _ in fit_ladder(arm, angles, seen)}
+    assert left["+ zeros"] > 1e-5
+    assert left["+ axes"] < 1e-8

@@ -148,11 +148,18 @@ class JointModel:
         again = self.readings.doubt_again(parameters)
         return None if again is None else JointModel(again, self.responses)
 
-    def find_equilibria(self, parameters: Parameters) -> JointModel | None:
-        """Return the model at the equilibria reached with these effects, if readings show them."""
-        if not len(self.readings.campaign):
+    def find_equilibria(
+        self, parameters: Parameters, rest: Array | None = None
+    ) -> JointModel | None:
+        """Return the model at the equilibria reached with these effects, if readings show them.
+
+        rest: what the effects leave (n,), of readings first.
+        """
+        count = len(self.readings.campaign)
+        if not count:
             return None
-        exact = self.readings.find_equilibria(parameters)
+        own = None if rest is None else rest[:count]
+        exact = self.readings.find_equilibria(parameters, own)
         return None if exact is None else replace(self, readings=exact)
 
     def noise(self) -> Noise:
