@@ -45,6 +45,8 @@ class LineSettings:
         Of a local mean, in widths.
     least_damping
         Ratio below which lines are not spaced closer.
+    rounding
+        Least scatter of a line over the largest response there: what symmetry makes zero.
     """
 
     spread: float = 0.5
@@ -52,6 +54,7 @@ class LineSettings:
     floor: float = 0.01
     reach: float = 3.0
     least_damping: float = 1e-4
+    rounding: float = 1e-5
 
 
 SETTINGS = LineSettings()
@@ -127,6 +130,8 @@ def read_lines(
         scatter = np.array(
             [find_scatter(each, measured.setup.averages) for each in responses]
         )
+        level = np.max([np.abs(each.receptance) for each in responses], axis=0)
+        scatter = np.maximum(scatter, settings.rounding * level)
         damping = max(own.find_damping(), settings.least_damping)
         find = _find_means if width else _find_lines
         blocks.append(find(own, scatter, damping, width, settings))

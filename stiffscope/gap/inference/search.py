@@ -118,7 +118,7 @@ class Search:
                 fit([Start(fixed, np.zeros(0), np.zeros(0))], base, "instruments", 1),
                 fitted,
             )
-        if self.effort.sketches:
+        if self.effort.sketches and not self.seeds:  # far from these, first order fails
             self._sketch(fitted, base)
         for _ in range(SEARCH.rounds):
             best = fitted.best
