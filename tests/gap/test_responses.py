@@ -12,8 +12,10 @@ from stiffscope.cli.main import _guarded
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.measured_responses import load_responses
 from stiffscope.gap.campaigns import compare_responses, open_case, rough_mechanism
+from stiffscope.gap.diagnose import forward_model
 from stiffscope.gap.forward.response_doubts import find_channel_doubts
 from stiffscope.gap.forward.response_model import predict_responses
+from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.model.bodies import Body
 from stiffscope.vjm.model.joints import Drive
@@ -121,6 +123,28 @@ def test_the_mass_of_a_sensor_lowers_the_frequencies(tmp_path):
     heavy = write(tmp_path, {"5, 0]": '5, 0], mass = "200 g"'})
     loaded = compare_responses(open_case(heavy))[0].predicted.modal
     assert loaded.frequencies[0] < 0.99 * free.frequencies[0]
+
+
+def model_of(folder):
+    """The forward model of a campaign of responses alone."""
+    case = open_case(folder)
+    nominal = NominalRobot(rough_mechanism(case.robot), case.robot)
+    responses = load_responses(folder, case.campaign, case.robot, nominal.mechanism)
+    return forward_model(case.campaign, nominal, responses)
+
+
+def test_responses_alone_have_one_pose_a_set_up(tmp_path):
+    campaign = model_of(write(tmp_path)).campaign
+    assert campaign.pose_names == ("tap",)
+    assert len(campaign.poses) == 1
+    assert campaign.find_pose_rows() == ("tap.csv",)  # lines of responses have no rows
+
+
+def test_a_pose_that_lost_its_readings_has_no_row():
+    campaign = open_case("gauges").campaign
+    rows = campaign.find_pose_rows()
+    left = campaign.select(np.flatnonzero(campaign.pose != 1))
+    assert left.find_pose_rows() == (rows[0], "", *rows[2:])
 
 
 WRONG = {

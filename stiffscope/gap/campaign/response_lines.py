@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from stiffscope.gap.campaign.campaign import NO_LINE
 from stiffscope.gap.campaign.kinds import CODE_ALONG, number_of
 from stiffscope.gap.campaign.kinds.responses import RESPONSE
 from stiffscope.responses.checks import find_resonances
@@ -237,11 +238,15 @@ def _thin(hertz: Array, peaks: Array, damping: float, spread: float) -> Indices:
 
 
 def join_responses(campaign: Campaign, blocks: Sequence[ResponseBlock]) -> Campaign:
-    """Return a campaign with the lines of responses as further readings, at poses of their own."""
+    """Return a campaign with the lines of responses as further readings, at poses of their own.
+
+    Without readings, the campaign's poses only place the robot: those of the responses replace them.
+    """
     if not blocks:
         return campaign
     setups = list(dict.fromkeys(block.measured.setup.name for block in blocks))
-    first = len(campaign.poses)
+    read = campaign if len(campaign) else _drop_poses(campaign)
+    first = len(read.poses)
     poses = dict[str, "Array"]()
     columns: dict[str, list[Array]] = {}
 
@@ -253,7 +258,7 @@ def join_responses(campaign: Campaign, blocks: Sequence[ResponseBlock]) -> Campa
         measured = block.measured
         name = measured.setup.name
         poses.setdefault(name, np.full(campaign.poses.shape[1], np.nan))
-        count, lines = block.value.shape
+        lines = block.value.shape[1]
         axes = np.array([each.motion.axis for each in measured.responses])
         code = CODE_ALONG[number_of(RESPONSE)][np.tile(np.repeat(axes, lines), 2)]
         n = len(code)
@@ -265,7 +270,7 @@ def join_responses(campaign: Campaign, blocks: Sequence[ResponseBlock]) -> Campa
             wrench=np.full((n, 6), np.nan),
             session=np.zeros(n, dtype=np.int64),
             file=np.full(n, len(campaign.files) + setups.index(name)),
-            line=np.tile(np.arange(count * lines), 2),
+            line=np.full(n, NO_LINE),
             sensor=np.full(n, -1),
             load=np.full(n, -1),
         )
@@ -280,13 +285,18 @@ def join_responses(campaign: Campaign, blocks: Sequence[ResponseBlock]) -> Campa
         expected = np.concatenate([expected, more])
     return replace(
         campaign,
-        poses=np.concatenate([campaign.poses, np.array(list(poses.values()))]),
-        pose_names=(*campaign.pose_names, *setups),
+        poses=np.concatenate([read.poses, np.array(list(poses.values()))]),
+        pose_names=(*read.pose_names, *setups),
         session_names=campaign.session_names or ("",),
         files=(*campaign.files, *files.values()),
         expected=expected,
         **joined,
     )
+
+
+def _drop_poses(campaign: Campaign) -> Campaign:
+    """Return a campaign without its poses."""
+    return replace(campaign, poses=campaign.poses[:0], pose_names=())
 
 
 def place_at_responses(
