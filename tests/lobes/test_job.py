@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from stiffscope.cli.main import cli
+from stiffscope.design.making import identify
 from stiffscope.design.studies import study
+from stiffscope.design.study_reading import load_study
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.live.page import Setting, answer
@@ -48,6 +50,11 @@ MILLING = {
 LOBES = {"damping": "0.03", "points": "40", "speeds": '["6000 rpm", "18000 rpm"]'}
 PLACES = ("0.56,0.10", "0.58,0.10", "0.58,0.12")
 PATH = "x,y,z,rx,ry,rz,feed\n" + "".join(f"{at},0.15,0,0,0,0.01\n" for at in PLACES)
+STUDY = (
+    'robot = "serial-arm"\ncomponents = "beam"\nmethod = "grid"\n'
+    'parameters = { "joints.J1.drive.stiffness" = { values = ["25 kN*m/rad"] } }\n'
+    'responses = { depth = { of = "critical_depth", path = "job.toml" } }\n'
+)
 
 
 def _write(folder, milling=None, lobes=None, robot="serial-arm", path=PATH):
@@ -196,11 +203,7 @@ def test_study_and_path_have_the_same_critical_depth(tmp_path, arm):
     job, made = arm
     depth = critical_along(job, made)
     assert len(depth) == len(job.path)
-    (tmp_path / "study.toml").write_text(
-        'robot = "serial-arm"\ncomponents = "beam"\nmethod = "grid"\n'
-        'parameters = { "joints.J1.drive.stiffness" = { values = ["25 kN*m/rad"] } }\n'
-        'responses = { depth = { of = "critical_depth", path = "job.toml" } }\n'
-    )
+    (tmp_path / "study.toml").write_text(STUDY)
     table = study(tmp_path / "study.toml").table
     assert float(table["depth [m]"].iloc[0]) == pytest.approx(depth.min(), rel=1e-9)
 
@@ -405,6 +408,25 @@ def test_damping_of_a_hammer_campaign_goes_with_the_shapes():
         made = assemble_robots(robots, "published", shop)["robot"]
     found = pair_damping(Path("examples/hammer"), made)
     assert found[:4] == pytest.approx(0.02, rel=0.05)
+
+
+@pytest.mark.parametrize("changed", ["campaign.toml", "tap.uff"])
+def test_a_study_depends_on_the_files_of_a_hammer_campaign(tmp_path, changed):
+    hammer = tmp_path / "hammer"
+    hammer.mkdir()
+    (hammer / "campaign.toml").write_text(
+        'robot = "serial-arm"\n[responses.tap]\nfile = "tap.uff"\npose = "home"\n'
+        'points = { 1 = { body = "tool" } }\n'
+    )
+    (hammer / "tap.uff").write_text("    -1\n")
+    _write(tmp_path, lobes={"damping": '"measured"', "measured": '"hammer"'})
+    file = tmp_path / "study.toml"
+    file.write_text(STUDY)
+    before = identify(load_study(file))
+    assert identify(load_study(file)) == before
+    with (hammer / changed).open("a") as stream:
+        stream.write("\n")
+    assert identify(load_study(file)) != before
 
 
 def test_a_map_holds_what_a_pose_gives(tmp_path):
