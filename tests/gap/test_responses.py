@@ -4,6 +4,7 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from stiffscope.gap.campaigns import compare_responses, open_case, rough_mechani
 from stiffscope.gap.diagnose import forward_model
 from stiffscope.gap.forward.response_doubts import find_channel_doubts
 from stiffscope.gap.forward.response_model import predict_responses
+from stiffscope.gap.inference.lack_of_fit import misses_lines
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.model.bodies import Body
@@ -138,6 +140,49 @@ def test_responses_alone_have_one_pose_a_set_up(tmp_path):
     assert campaign.pose_names == ("tap",)
     assert len(campaign.poses) == 1
     assert campaign.find_pose_rows() == ("tap.csv",)  # lines of responses have no rows
+
+
+def write_lines(folder, first, second):
+    """Write a campaign of two responses at as many lines as given."""
+    write(folder)
+    rows = enumerate(zip(first, second, strict=True), start=1)
+    lines = [f"{k},{h},0,{g},0" for k, (h, g) in rows]
+    (folder / "tap.csv").write_text(
+        "\n".join(["frequency,H.re,H.im,G.re,G.im", *lines])
+    )
+    return folder
+
+
+@pytest.mark.parametrize("count", [3, 40])
+def test_a_line_of_exactly_zero_tells_nothing(tmp_path, count):
+    level = np.linspace(1.0, 2.0, count)
+    level[1] = 0.0
+    model = model_of(write_lines(tmp_path, level, level))
+    lines = model.blocks[0]
+    blank = lines.value == 0.0
+    assert blank.any()
+    assert lines.sigma[blank] == pytest.approx(2e-6)  # the largest line
+    assert lines.sigma[~blank].max() < 1e-6
+    assert np.isfinite(model.predict().values).all()
+
+
+def test_a_channel_that_is_zero_everywhere_is_left_out_and_named(tmp_path):
+    model = model_of(write_lines(tmp_path, [0.0] * 3, [1.0] * 3))
+    assert len(model.campaign) == 2 * 3
+    (remark,) = model.remarks(model.noise(), np.zeros(6))
+    assert "3:+x to 3:-y is zero at every line" in remark
+    with pytest.raises(InputError, match="expected lines other than zero"):
+        _ = model_of(write_lines(tmp_path, [0.0] * 3, [0.0] * 3)).campaign
+
+
+def test_lines_left_beyond_their_noise_are_a_reason():
+    lines = np.array([False, True, True])
+    used = np.array([True, True, True])
+    campaign = SimpleNamespace(in_blocks=lines)
+    found = SimpleNamespace(campaign=campaign, used_readings=used)
+    found.residual = np.array
+    assert misses_lines(found, [9.0, 1.0, -1.0]) == ""
+    assert "left at 3 times their noise" in misses_lines(found, [0.0, 3.0, -3.0])
 
 
 def test_a_pose_that_lost_its_readings_has_no_row():

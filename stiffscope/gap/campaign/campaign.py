@@ -304,8 +304,8 @@ class Campaign:
 
     def where(self, reading: int) -> str:
         """Return the file and line of one reading; the file alone if it has none."""
-        file = self.files[self.file[reading]]
-        line = self.line[reading]
+        file = self.files[int(self.file[reading])]
+        line = int(self.line[reading])
         return file if line == NO_LINE else f"{file}:{line}"
 
     def find_pose_rows(self) -> tuple[str, ...]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.campaign.measured_responses import MeasuredResponses
     from stiffscope.responses.model import Response
-    from stiffscope.runtime.types import Array, Indices
+    from stiffscope.runtime.types import Array, Complex, Indices
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class ResponseBlock:
     measured: MeasuredResponses
     frequency: Array
     mean: Array | None
-    value: NDArray[np.complex128]
+    value: Complex
     sigma: Array
     damping: float
 
@@ -92,7 +92,7 @@ class ResponseBlock:
         """Return the number of real readings."""
         return 2 * self.value.size
 
-    def read(self, lines: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    def read(self, lines: Complex) -> Complex:
         """Return readings (r, m, ...) of lines (r, f, ...)."""
         if self.mean is None:
             return lines
@@ -107,7 +107,7 @@ class ResponseBlock:
         return 1.0 / self.sigma
 
 
-def stack_parts(values: NDArray[np.complex128]) -> Array:
+def stack_parts(values: Complex) -> Array:
     """Return real readings (2 r m, ...) of complex ones (r, m, ...)."""
     flat = values.reshape(values.shape[0] * values.shape[1], *values.shape[2:])
     return np.concatenate([flat.real, flat.imag])
@@ -118,6 +118,8 @@ def read_lines(
 ) -> tuple[ResponseBlock, ...]:
     """Return the lines of a set-up that tell, or their local means.
 
+    Responses that are zero at every line are left out (`find_silent`).
+
     Parameters
     ----------
     measured
@@ -126,7 +128,8 @@ def read_lines(
         Standard deviation of the window of a local mean, relative to frequency; 0: lines.
     """
     blocks = list[ResponseBlock]()
-    for responses in _group_by_lines(measured.responses):
+    heard = [each for each in measured.responses if each.receptance.any()]
+    for responses in _group_by_lines(heard):
         own = replace(measured, responses=tuple(responses))
         scatter = np.array(
             [find_scatter(each, measured.setup.averages) for each in responses]
@@ -137,6 +140,16 @@ def read_lines(
         find = _find_means if width else _find_lines
         blocks.append(find(own, scatter, damping, width, settings))
     return tuple(blocks)
+
+
+def find_silent(measured: MeasuredResponses) -> tuple[str, ...]:
+    """Return a remark on each response of a set-up that is zero at every line."""
+    return tuple(
+        f"{each.source}: response {each.force} to {each.motion} is zero at every line: "
+        "left out"
+        for each in measured.responses
+        if not each.receptance.any()
+    )
 
 
 def _group_by_lines(responses: Sequence[Response]) -> list[list[Response]]:
@@ -184,7 +197,8 @@ def _find_means(
     hertz = hertz[lines]
     value = np.array([response.receptance[lines] for response in responses])
     count = max(int(np.ceil(np.log(hertz[-1] / hertz[0]) / width / settings.wide)), 1)
-    centres = np.geomspace(hertz[0], hertz[-1], count + 1)
+    ends = float(hertz[0]), float(hertz[-1])
+    centres: Array = np.geomspace(*ends, num=count + 1)
     away = (hertz - centres[:, None]) / (width * centres[:, None])
     spacing = np.gradient(hertz) if len(hertz) > 1 else np.ones(1)
     mean = np.exp(-0.5 * away**2) * (np.abs(away) <= settings.reach) * spacing
@@ -204,11 +218,8 @@ def _find_means(
 
 def find_peaks(responses: Sequence[Response]) -> Indices:
     """Return the lines with a resonance in the rms level of all responses."""
-    levels = [
-        np.abs(response.receptance) / np.median(np.abs(response.receptance))
-        for response in responses
-        if response.receptance.any()
-    ]
+    sizes = [np.abs(response.receptance) for response in responses]
+    levels = [size / np.median(size[size > 0.0]) for size in sizes if size.any()]
     if not levels:
         return np.zeros(0, dtype=np.int64)
     size = np.sqrt(np.mean(np.square(levels), axis=0))
@@ -247,17 +258,15 @@ def join_responses(campaign: Campaign, blocks: Sequence[ResponseBlock]) -> Campa
     setups = list(dict.fromkeys(block.measured.setup.name for block in blocks))
     read = campaign if len(campaign) else _drop_poses(campaign)
     first = len(read.poses)
-    poses = dict[str, "Array"]()
-    columns: dict[str, list[Array]] = {}
+    columns: dict[str, list[NDArray[Any]]] = {}
 
-    def add(**values: Array) -> None:
+    def add(**values: NDArray[Any]) -> None:
         for key, value in values.items():
             columns.setdefault(key, []).append(value)
 
     for block in blocks:
         measured = block.measured
         name = measured.setup.name
-        poses.setdefault(name, np.full(campaign.poses.shape[1], np.nan))
         lines = block.value.shape[1]
         axes = np.array([each.motion.axis for each in measured.responses])
         code = CODE_ALONG[number_of(RESPONSE)][np.tile(np.repeat(axes, lines), 2)]
@@ -278,6 +287,7 @@ def join_responses(campaign: Campaign, blocks: Sequence[ResponseBlock]) -> Campa
         key: np.concatenate([getattr(campaign, key), *parts])
         for key, parts in columns.items()
     }
+    unstated = np.full((len(setups), read.poses.shape[1]), np.nan)
     files = {block.measured.setup.name: block.measured.setup.file for block in blocks}
     expected = campaign.expected
     if expected is not None:
@@ -285,7 +295,7 @@ def join_responses(campaign: Campaign, blocks: Sequence[ResponseBlock]) -> Campa
         expected = np.concatenate([expected, more])
     return replace(
         campaign,
-        poses=np.concatenate([read.poses, np.array(list(poses.values()))]),
+        poses=np.concatenate([read.poses, unstated]),
         pose_names=(*read.pose_names, *setups),
         session_names=campaign.session_names or ("",),
         files=(*campaign.files, *files.values()),
