@@ -205,7 +205,7 @@ def test_study_and_path_have_the_same_critical_depth(tmp_path, arm):
     assert len(depth) == len(job.path)
     (tmp_path / "study.toml").write_text(STUDY)
     table = study(tmp_path / "study.toml").table
-    # the modes of a round body come in pairs, which rounding turns, and the last may be half of one
+    # modes of a round body come in pairs; of the last, rounding chooses which half is kept
     assert float(table["depth [m]"].iloc[0]) == pytest.approx(depth.min(), rel=1e-3)
 
 
