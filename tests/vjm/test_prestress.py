@@ -7,6 +7,7 @@ import pytest
 
 from stiffscope.biglide.literal import Behind, literal_stiffness, load_hessian
 from stiffscope.cli.main import _guarded
+from stiffscope.errors import InputError
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
@@ -18,8 +19,10 @@ from stiffscope.vjm.model.mechanism import Change, Mechanism, Tool
 from stiffscope.vjm.model.screws import rotation
 from stiffscope.vjm.network.network import END, place_nodes
 from stiffscope.vjm.network.order import find_order
+from stiffscope.vjm.network.strain import find_remaining_offsets
 from stiffscope.vjm.statics.analysis import analyse, sag, stiffness
-from stiffscope.vjm.statics.prestress import bend_network
+from stiffscope.vjm.statics.equilibrium import solve_loads
+from stiffscope.vjm.statics.prestress import bend_network, bend_places, own_loads
 from stiffscope.vjm.statics.slender import find_thrusts
 from tests.robots import (
     GEOMETRY,
@@ -411,6 +414,141 @@ def test_a_universal_joint_is_two_revolutes():
         np.abs((one - stiffness(two, pose, gravity="exact")[0]) / size).max()
         < 1e-4 * change
     )
+
+
+def two_guides(rng, carrier, exchanged=False, kind="prismatic"):
+    """A heavy table, with a head that lifts, on a guide whose table may be named first."""
+    ends = ["table", "ground"] if exchanged else ["ground", "table"]
+    factor = rng.normal(size=(6, 6)) * np.c_[[0, 1e-4, 1e-4, 1e-3, 1e-3, 1e-3]]
+    if kind != "prismatic":
+        factor[3] = 0.0
+    lack = np.array([0.0, 1e-3, 2e-3, 0.0, 2e-3, -1e-3])
+    way = Joint(
+        "way",
+        *ends,
+        kind,
+        [0.02, 0, 0.05],
+        [1, 0.2, 0.1],
+        drive=Drive(2e5),
+        compliance=factor @ factor.T,
+        offset=-lack if exchanged else lack,
+        carried_by=carrier,
+    )
+    lift = Joint(
+        "lift",
+        "table",
+        "head",
+        "prismatic",
+        [0.1, 0, 0.1],
+        [0.1, 0, 1],
+        drive=Drive(3e5),
+        compliance=0.5 * way.compliance,
+    )
+    bodies = (
+        Body("table", 30.0, [0.1, 0.05, 0.1]),
+        Body("head", 30.0, [0.2, 0.1, 0.3]),
+    )
+    tool = Tool("head", [0.25, 0.1, 0.3], ("x", "z"))
+    return Mechanism(bodies, (way, lift), tool, np.array([1.0, 2.0, -9.81]))
+
+
+def beside_a_shaft(machine):
+    """The machine with a second shaft beside its first, which holds the rotation about it."""
+    way = replace(machine.joints[0], name="shaft", at=[0, 0.3, 0], drive=None)
+    way = replace(way, offset=None)
+    return replace(machine, joints=(*machine.joints, way))
+
+
+def test_a_bearing_on_the_first_body_is_that_of_a_guide_whose_bodies_are_exchanged():
+    """Who is named first is a name: what stays on the ground does so under either."""
+    poses = [[0.25, 0.3], [0.65, 0.3], [0.65, 0.5]]
+    machines = [
+        two_guides(np.random.default_rng(3), *case)
+        for case in [("first", False), ("second", True), ("second", False)]
+    ]
+    first, exchanged, second = (analyse(m, poses, gravity="exact") for m in machines)
+    assert first.matrix == pytest.approx(exchanged.matrix, rel=1e-7, abs=1e-2)
+    assert first.sag == pytest.approx(exchanged.sag, rel=1e-9, abs=1e-12)
+    assert first.sag[0] == pytest.approx(second.sag[0], rel=1e-9, abs=1e-12)
+    assert np.abs(first.sag[1:] - second.sag[1:]).max() > 1e-4
+    plain = stiffness(machines[0], poses)
+    assert np.abs(first.matrix / plain - 1.0).max() > 1e-4
+
+
+@pytest.mark.parametrize("stroke", [0.0, 0.4])
+def test_a_rail_that_tilts_in_its_bearing_on_the_ground(stroke):
+    """Energy ½ k δ² + ½ κ θ² - W (L + δ) sin θ: the rail's weight W, L beyond the bearing, slips by δ."""
+    length = 0.25 + stroke
+    drive = 2e4
+    tilting = 5e3
+    weight = 150.0
+    bearing = np.diag([0.0, 0.0, 0.0, 0.0, 1.0 / tilting, 0.0])
+    way = Joint(
+        "way",
+        "ground",
+        "rail",
+        "prismatic",
+        [0, 0, 0],
+        [1, 0, 0],
+        drive=Drive(drive),
+        compliance=bearing,
+        carried_by="first",
+    )
+    m = Mechanism(
+        (Body("rail", weight / 9.81, [0.25, 0, 0]),),
+        (way,),
+        Tool("rail", [0.25, 0, 0], ("x",)),
+        np.array([0, 0, -9.81]),
+    )
+    slip = 0.0
+    angle = 0.0
+    for _ in range(60):
+        angle = weight * (length + slip) * np.cos(angle) / tilting
+        slip = weight * np.sin(angle) / drive
+    reach = length + slip
+    c, s = np.cos(angle), np.sin(angle)
+    hessian = [
+        [drive, -weight * c],
+        [-weight * c, tilting + weight * reach * s],
+    ]
+    motion = np.array([[c, -reach * s], [-s, -reach * c], [0.0, 1.0]])  # x z ry
+    expected = motion @ np.linalg.solve(hessian, motion.T)
+    state = analyse(m, [[length]], gravity="exact")
+    chosen = np.ix_([0, 2, 4], [0, 2, 4])
+    assert angle > 5e-3
+    assert state.compliance[0][chosen] == pytest.approx(expected, rel=1e-6, abs=1e-13)
+    linear = weight * length / tilting
+    assert state.sag[0, [2, 4]] == pytest.approx([-length * linear, linear], rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", ["prismatic", "cylindrical"])
+def test_second_steps_are_small_wherever_the_bearing_is(kind):
+    """Newton's steps are squared, at the second body's point as at the first's."""
+    machine = two_guides(np.random.default_rng(3), "first", kind=kind)
+    if kind != "prismatic":
+        machine = beside_a_shaft(machine)
+    at = configure(machine, [[0.65, 0.3]])
+    order = find_order(machine, at.linkage)
+    rest = place_nodes(at)
+    there = rest
+    sizes = []
+    loads = own_loads(order, rest)
+    for _ in range(3):
+        step = solve_loads(order, there, loads, "nodes")
+        sizes.append(max(np.abs(twist).max() for twist in step.nodes.values()))
+        there = bend_places(there, step)
+        lack = find_remaining_offsets(order, there, rest)
+        loads = replace(own_loads(order, there), offsets=lack)
+    assert sizes[0] > 1e-3
+    assert sizes[1] < 3.0 * sizes[0] ** 2
+    assert sizes[2] < 1e-2 * sizes[1]
+
+
+def test_exact_gravity_refuses_bearings_on_the_first_body_of_what_slides_and_turns():
+    machine = two_guides(np.random.default_rng(3), "first", kind="cylindrical")
+    machine = beside_a_shaft(machine)
+    with pytest.raises(InputError, match=r'joints.way.carried_by: expected "second"'):
+        analyse(machine, [[0.65, 0.3]], gravity="exact")
 
 
 def test_the_literal_reading_is_smaller_still():

@@ -57,6 +57,11 @@ class JointType:
         return any(k > 2 for k in self.free) and self.driven != 0
 
     @cached_property
+    def slides(self) -> bool:
+        """Whether a free motion is a translation."""
+        return any(k < 3 for k in self.free)
+
+    @cached_property
     def is_uniform(self) -> bool:
         """Whether its free motions have one unit, so that one spring can resist all of them."""
         return len({k > 2 for k in self.free}) == 1
@@ -268,7 +273,8 @@ class Joint:
     ``at`` (3,) in m; ``axis`` (3,) is fixed to the first body, ``axis2`` of a universal joint to
     the second. Joint axes: x along ``axis``, y nearest to ``axis2`` (by default the next base axis;
     without ``axis``, base axes), fixed to the first body; origin on the second, or on the first if
-    that is what the bearing is ``carried_by`` while the second moves through it. In these axes:
+    that is what the bearing is ``carried_by`` while the second slides through it; the second of a
+    prismatic joint is then the rail, and the axes are fixed to it. In these axes:
     bearing ``compliance`` (6, 6), ``offset`` (6,) of the unloaded second body (encoder offset, lack
     of fit), ``astray`` (6,), the twist from the nominal to the actual joint; bodies at home, and
     poses, are nominal. ``spring`` in N/m or N·m/rad resists each free motion of a passive joint (a
@@ -322,6 +328,11 @@ class Joint:
     def turns(self) -> bool:
         """Whether its drive or spring acts on rotations; else on translations."""
         return self.type.turns
+
+    @property
+    def is_on_first(self) -> bool:
+        """Whether its bearing stays on the first body while the second slides through it."""
+        return self.carried_by == "first" and self.type.slides
 
     def yield_otherwise(self, fields: Mapping[str, Any]) -> Joint:
         """Return the joint with another compliance, spring, offset or misplaced axis.

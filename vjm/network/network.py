@@ -67,9 +67,14 @@ class Element:
     @property
     def bearer(self) -> str:
         """The node to which the point is fixed."""
-        if self.joint is not None and self.joint.carried_by == "first":
+        if self.joint is not None and self.joint.is_on_first:
             return self.first
         return self.second
+
+    @property
+    def is_mirrored(self) -> bool:
+        """Whether the second body is the rail: motions are those of the first against it."""
+        return self.carrier == self.second
 
     @property
     def compliance(self) -> Array:
@@ -349,13 +354,15 @@ def _joint(joint: Joint, first: str, second: str) -> Element:
         else:
             sprung += [each / np.sqrt(joint.resistance) for each in screws]
     factor = np.hstack([_factor(compliance), _columns(sprung)])
+    # a rail that slides through a bearing guides it along its own axes
+    is_rail = joint.is_on_first and joint.type.is_steady
     out = Element(
         joint.name,
         first,
         second,
         joint.axes,
         joint.at,
-        first,
+        second if is_rail else first,
         factor,
         _columns(free),
         joint.offset,

@@ -79,7 +79,7 @@ def _strain(e: Element, where: Places, rest: Places) -> Array:
         out[:, 4] = -turn[:, 2, 0]
         out[:, 5] = turn[:, 1, 0]
     elif turns:
-        out[:, 3:] = euler_angles(turn)
+        out[:, 3:] = -euler_angles(turn.mT) if e.is_mirrored else euler_angles(turn)
     if joint.resistance and joint.type.driven is not None:
         before, turned = _relative(e, rest, e.drawn)
         if joint.turns:
@@ -95,7 +95,7 @@ def _strain(e: Element, where: Places, rest: Places) -> Array:
 
 def _strain_spring(e: Element, joint: Joint, where: Places) -> Array:
     """Displacement (n, 6) of a passive joint's free motions from its spring's rest, own axes."""
-    back = where.rotation[e.first].mT
+    back = where.rotation[e.carrier].mT
     gap = (
         back @ (where.point(e.second, e.at) - where.point(e.first, e.at))[..., None]
     )[..., 0]
@@ -116,11 +116,18 @@ def _relative(
 ) -> tuple[Array, Array]:
     """Return displacement (n, 3) and rotation (n, 3, 3) of an element's second node from its first.
 
-    In the element's axes, or in those of ``drawn``, the nominal joint, if given.
+    In the element's axes, or in those of ``drawn``, the nominal joint, if given. The displacement
+    is that of the second node where the bearing is.
     """
     own, at = (e.axes, e.at) if drawn is None else (drawn.axes, drawn.at)
     moved = where.point(e.second, at) - where.point(e.first, at)
-    return np.einsum("nji,nj->ni", where.axes(e.first, own), moved), where.turn(e, own)
+    gap = np.einsum("nji,nj->ni", where.axes(e.carrier, own), moved)
+    turn = where.turn(e, own)
+    if e.bearer == e.first and not e.is_mirrored:
+        # the joint's axis has tilted by ω about the point on the second body: d - ω × d
+        tilt = np.stack([np.zeros(len(turn)), -turn[:, 2, 0], turn[:, 1, 0]], axis=-1)
+        gap = gap - np.cross(tilt, gap)
+    return gap, turn
 
 
 def _miss_angle(first: Array, rest: Array, turn: Array) -> Array:

@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.vjm.model.checks import GROUND
+from stiffscope.errors import InputError
+from stiffscope.vjm.model.checks import GROUND, spell_name
 from stiffscope.vjm.model.screws import rotation_of, skew
 from stiffscope.vjm.model.semidefinite import inverse
 from stiffscope.vjm.network.condensation import (
@@ -121,7 +122,13 @@ def bend_network(
     push
         Function of the places of some configurations and their flags (n,) that returns
         wrenches (m, 6, 1) on nodes at M, base axes; default: own weight.
+
+    Raises
+    ------
+    InputError
+        A joint that slides and turns has its bearing on the first body.
     """
+    _check_bearings(order)
     n = len(where.tool)
     push = push or (lambda there, _: _find_weights(order, there))
     uncached = replace(where)  # what it caches is not kept
@@ -161,6 +168,21 @@ def bend_network(
     return Bent(
         there, np.broadcast_to(moved.twist[..., 0], (n, 6)), ~(size > _SMALL) | ~far
     )
+
+
+def _check_bearings(order: Order) -> None:
+    """Refuse bearings on the first body of joints that turn, too: the axes of neither body do.
+
+    Their motions would be bearing, slides, rotations, with slides along axes that the bearing tilts.
+    """
+    for e in order.elements:
+        joint = e.joint
+        if joint is not None and joint.is_on_first and not e.is_mirrored:
+            raise InputError(
+                f'{spell_name("joints", joint.name)}.carried_by: expected "second" for a '
+                f"{joint.kind} joint at equilibria of finite displacements (exact gravity), "
+                'got "first"'
+            )
 
 
 def _tangent(
@@ -407,6 +429,8 @@ def differentiate_order(state: ElementState) -> Array:
     e = state.element
     arm = state.where.frame(e).origin()
     force = state.carried[:, :3, 0]
+    if e.is_mirrored:
+        force = -force
     out = lever_work(force, arm[:, :, None] * force[:, None])
     if e.is_ordered and not e.is_split:
         hessian, back = order_rotations(state)
@@ -416,7 +440,9 @@ def differentiate_order(state: ElementState) -> Array:
 
 def order_rotations(state: ElementState) -> tuple[Array, Array]:
     """Return half the Hessian (n, k, k) by ordered rotations, and the map (n, 6, k) to wrenches."""
-    hessian = skew(0.5 * state.wrench[:, 3:, 0])
+    # seen from the second body, wrench and motions are opposite
+    side = -0.5 if state.element.is_mirrored else 0.5
+    hessian = skew(side * state.wrench[:, 3:, 0])
     moment = state.where.frame(state.element).matrix()
     if state.element.joint is not None:
         axes = list_axes(state)
