@@ -300,6 +300,7 @@ class _Desk:
         self.done = 0
         self.present: Design | None = None
         self.unchanged: dict[int, float] = {}
+        self.compared = 0  # designs with those of `unchanged`
         for design in (each for source in stored for each in source.read()):
             self._keep(self._find_row(design.values), design)
 
@@ -352,18 +353,24 @@ class _Desk:
         }
 
     def _warn_of_unchanged(self, design: Design) -> None:
-        """Warn of a goal or limit that is the same in the first designs, which nothing changes."""
+        """Warn of a goal or limit that is the same in the first designs, which nothing changes.
+
+        Failed designs and those stored by an earlier run are not among them.
+        """
+        if design.reason or not self.unchanged:
+            return
+        self.compared += 1
         self.unchanged = {
             k: value
             for k, value in self.unchanged.items()
-            if design.reason or design.responses[k] == value
+            if design.responses[k] == value
         }
-        if self.done != _FEW - 1:
+        if self.compared != _FEW:
             return
         for k, value in self.unchanged.items():
             response = self.file.responses[k]
             message = (
-                "%s: %s is %g %s in the present design and in the first %d of the study: "
+                "%s: %s is %g %s in the present design and in the first %d computed: "
                 "does any of its parameters change it?"
             )
             name = self.file.path.name

@@ -9,9 +9,10 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.lobes.engagement import milling, turning
 from stiffscope.lobes.model import Cutting
+from stiffscope.path.job import MillingSection
 
 if TYPE_CHECKING:
-    from stiffscope.path.job import Job, MillingSection, TurningSection
+    from stiffscope.path.job import Job, TurningSection
 
 
 def cutting_of(job: Job) -> Cutting:
@@ -38,23 +39,23 @@ def cutting_of(job: Job) -> Cutting:
     if stiffness is None:
         # of the specific force at the mean chip
         stiffness = (1.0 - exponent) * section.specific_force(forces.chip)
-    if process.milling is not None:
+    if isinstance(section, MillingSection):
         cut = milling(
-            teeth=process.milling.teeth,
-            width=process.milling.width,
-            diameter=process.milling.diameter,
+            teeth=section.teeth,
+            width=section.width,
+            diameter=section.diameter,
             stiffness=stiffness,
             radial=section.radial_ratio,
-            axial=process.milling.axial,
+            axial=section.axial,
             lead=section.lead,
-            climb=process.milling.climb,
+            climb=section.climb,
         )
     else:
         cut = turning(
             stiffness=stiffness,
             radial=section.radial_ratio,
             lead=section.lead,
-            side=process.turning.side,
+            side=section.side,
         )
     return Cutting(cut, section.speed, section.depth, forces.chip)
 

@@ -395,9 +395,10 @@ def _lasting(
     period = delay[:, None, None]
     at = nodes.place[nodes.which][:, None] * period  # (p, a, 1)
     weight = nodes.weight[nodes.which][:, None] * period
-    left = np.concatenate([seen, seen], axis=2) * np.exp(both * at)
-    remaining = np.exp(both * (period - at))
-    right = np.concatenate([loaded, loaded], axis=2) * remaining * weight * sign
+    since: Complex = np.exp(both * at)
+    left = since * np.concatenate([seen, seen], axis=2)
+    remaining: Complex = np.exp(both * (period - at))
+    right = remaining * np.concatenate([loaded, loaded], axis=2) * weight * sign
     return left, right
 
 
@@ -588,7 +589,8 @@ def _polish(
     value: Complex = 1.0 / (scale * depth) + 0j
     begin = value.real
     here = angle
-    right = left = np.empty(0)
+    right: Complex = np.empty(0, dtype=complex)
+    left = right
     for _ in range(_POLISH):
         matrix = loop.matrix(here[:, None])[:, 0]
         # dominated by the product of both vectors next to an eigenvalue

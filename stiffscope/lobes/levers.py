@@ -71,8 +71,8 @@ def find_levers(
         for name, product in strain_products(mechanism, found, _EVERY).items()
     }
     heavier = _moving_masses(mechanism, found, shaken, known)
-    stiffness = [np.zeros((count, count))]
-    inertia = [np.zeros((count, count))]
+    stiffness = list[np.ndarray]([np.zeros((count, count))])
+    inertia = list[np.ndarray]([np.zeros((count, count))])
     for product in stiffer.values():
         for step in (_STEP, -_STEP):
             stiffness.append(step * product)

@@ -14,7 +14,7 @@ from stiffscope.lobes.zero_order import depth_scale, find_critical, zero_order_l
 if TYPE_CHECKING:
     from stiffscope.lobes.engagement import Engagement
     from stiffscope.lobes.response import ToolResponse
-    from stiffscope.runtime.types import Array, Indices
+    from stiffscope.runtime.types import Array, Flags, Indices
 
 Method = Literal["zero-order", "all-harmonics"]
 
@@ -124,7 +124,7 @@ class _Sweep:
 
     def is_smooth(
         self, pose: Indices, low: Indices, middle: Indices, high: Indices
-    ) -> Array:
+    ) -> Flags:
         """Return whether the middle lies on the line between both ends."""
         at = self.speeds
         share = (at[middle] - at[low]) / (at[high] - at[low])
@@ -188,14 +188,22 @@ def worst_limits(
     dense = max(dense, _A_LOBE * fastest / (cut.teeth * ends[0]))
     count = int(np.clip(dense * np.log(ends[1] / ends[0]), 8, _MOST))
     speeds = np.broadcast_to(np.geomspace(*ends, count), (n, count))
+    worst = _find_worst(response, cut, speeds, scale)
     share = np.linspace(0.0, 1.0, _SPLITS + 2)[1:-1]
-    for _ in range(_ZOOMS + 1):
-        pose = np.repeat(poses, speeds.shape[1])
-        depth = interrupted_depths(response[pose], cut, speeds.ravel(), scale[pose])
-        best = depth.reshape(speeds.shape).argmin(axis=1)
-        low = speeds[poses, np.maximum(best - 1, 0)]
-        high = speeds[poses, np.minimum(best + 1, speeds.shape[1] - 1)]
-        worst = speeds[poses, best]
+    for _ in range(_ZOOMS):
+        here = speeds[poses, worst]
+        low = speeds[poses, np.maximum(worst - 1, 0)]
+        high = speeds[poses, np.minimum(worst + 1, speeds.shape[1] - 1)]
         finer = low[:, None] + (high - low)[:, None] * share
-        speeds = np.sort(np.concatenate([worst[:, None], finer], axis=1), axis=1)
-    return interrupted_limits(response, cut, worst, scale)
+        speeds = np.sort(np.concatenate([here[:, None], finer], axis=1), axis=1)
+        worst = _find_worst(response, cut, speeds, scale)
+    return interrupted_limits(response, cut, speeds[poses, worst], scale)
+
+
+def _find_worst(
+    response: ToolResponse, cut: Engagement, speeds: Array, scale: Array
+) -> Indices:
+    """Return the index (n,) of the speed with the least depth among those (n, s) of each pose."""
+    pose = np.repeat(np.arange(len(response)), speeds.shape[1])
+    depth = interrupted_depths(response[pose], cut, speeds.ravel(), scale[pose])
+    return depth.reshape(speeds.shape).argmin(axis=1)

@@ -198,6 +198,30 @@ def test_a_limit_that_no_parameter_changes_is_told_after_a_few_designs(rod, capl
     assert "weight is 0 kg in the present design and in the first 4" in told[0]
 
 
+@pytest.mark.parametrize(("succeed", "told"), [(3, False), (4, True)])
+def test_only_designs_that_were_computed_count_as_unchanged(
+    rod, tmp_path, caplog, succeed, told
+):
+    def run(*bores):
+        caplog.clear()
+        values = ", ".join(f'"{bore} mm"' for bore in bores)
+        text = (
+            'method = "grid"\nconstraints = ["weight >= 1 kg"]\n'
+            f'[parameters]\n"bar 1.bore" = {{ values = [{values}] }}\n'
+            '[responses]\nweight = { of = "mass - mass", unit = "kg" }\n'
+        )
+        made = study(rod(text), folder=tmp_path / "kept")
+        return made, "does any of its parameters" in caplog.text
+
+    # a bore beyond the diameter of 12 mm cannot be
+    failing = (13, 14, 15, 16)
+    made, warned = run(*failing, *range(1, succeed + 1))
+    assert list(made.outcomes.states).count("failed") == 4
+    assert warned == told
+    # all but one of them are stored
+    assert not run(*failing, *range(1, succeed + 2))[1]
+
+
 def test_a_study_says_why_nothing_is_feasible(rod, capsys):
     """K = 1/(1e-7 + L/(EA)) is at most 10 N/um whatever the rod: no design reaches 9.9."""
     made = study(
