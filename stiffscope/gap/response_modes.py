@@ -24,14 +24,10 @@ from stiffscope.gap.inference.residuals import AbsoluteGap
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import NDArray
-
     from stiffscope.gap.forward.response_state import ResponseState
     from stiffscope.gap.inference.findings import Findings
     from stiffscope.gap.inference.hypothesis import Hypothesis
-    from stiffscope.runtime.types import Array
-
-    Complex = NDArray[np.complex128]
+    from stiffscope.runtime.types import Array, Complex
 
 _FAR = 2.0  # ratio of frequencies of modes that are not paired
 _DECIBEL = 20.0 / np.log(10.0)
@@ -84,11 +80,12 @@ def _compare_levels(before: ResponseState, after: ResponseState) -> _Levels:
     size = np.abs(block.value)
     heard = size > 2.0 * block.sigma
     level = np.log(np.where(heard, size, 1.0))
-    sides = [
+    first, last = (
         _DECIBEL * (np.log(np.abs(block.read(state.lines)[heard])) - level[heard])
         for state in (before, after)
-    ]
-    return _Levels(*sides, _DECIBEL * (block.sigma / np.where(heard, size, 1.0))[heard])
+    )
+    noise = _DECIBEL * (block.sigma / np.where(heard, size, 1.0))[heard]
+    return _Levels(first, last, noise)
 
 
 def _pair_modes(before: ResponseState, after: ResponseState) -> Iterator[ResponseModes]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from xml.parsers import expat
 
 import numpy as np
+from numpy.polynomial.polynomial import polyval
 
 from stiffscope.errors import InputError, meant
 from stiffscope.imports.model_inertia import set_aside_inertias
@@ -21,7 +22,7 @@ from stiffscope.robot.file.tables import list_some, unknown_key
 from stiffscope.runtime.reading import MOST_BYTES, read_text
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Container, Iterator, Mapping
     from pathlib import Path
 
     from stiffscope.imports.model_loops import Loops
@@ -426,7 +427,13 @@ def _go_home(compiled: CompiledModel, wanted: Mapping[str, float]) -> None:
         for name, each in compiled.labels("joint", m.njnt).items()
         if compiled.is_a(m.jnt_type[each], "mjtJoint", "mjJNT_HINGE", "mjJNT_SLIDE")
     }
-    _enter_ranges(compiled, {n: k for n, k in joints.items() if n not in wanted})
+    couplings = _couplings(compiled, {joints[n] for n in wanted if n in joints})
+    free = {
+        name: number
+        for name, number in joints.items()
+        if name not in wanted and number not in couplings
+    }
+    _enter_ranges(compiled, free)
     for name, value in wanted.items():
         if name not in joints:
             what = f"a joint that turns or slides ({', '.join(joints)})"
@@ -444,7 +451,39 @@ def _go_home(compiled: CompiledModel, wanted: Mapping[str, float]) -> None:
                 f"--home {name}: expected {what}, got {value:.4g} (m or rad)"
             )
         d.qpos[m.jnt_qposadr[number]] = value
+    _follow(compiled, couplings)
     _close_loops(compiled)
+
+
+def _couplings(compiled: CompiledModel, wanted: Container[int]) -> dict[int, int]:
+    """Return the joints, not of those wanted, that follow another (mimic), and their equalities."""
+    m = compiled.model
+    return {
+        int(m.eq_obj1id[number]): number
+        for number in np.flatnonzero(m.eq_active0).tolist()
+        if compiled.is_a(m.eq_type[number], "mjtEq", "mjEQ_JOINT")
+        and int(m.eq_obj1id[number]) not in wanted
+    }
+
+
+def _follow(compiled: CompiledModel, couplings: Mapping[int, int]) -> None:
+    """Put joints that follow others where these have them; closing would move the leaders too."""
+    m = compiled.model
+    d = compiled.data
+    leaders = {joint: int(m.eq_obj2id[number]) for joint, number in couplings.items()}
+    while leaders:
+        ready = [joint for joint, leader in leaders.items() if leader not in leaders]
+        if not ready:  # they follow each other in a circle
+            return
+        for joint in ready:
+            leader = leaders.pop(joint)
+            moved = 0.0
+            if leader >= 0:
+                there = m.jnt_qposadr[leader]
+                moved = d.qpos[there] - m.qpos0[there]
+            at = m.jnt_qposadr[joint]
+            law = m.eq_data[couplings[joint], :5]
+            d.qpos[at] = m.qpos0[at] + polyval(moved, law)
 
 
 def _enter_ranges(compiled: CompiledModel, joints: Mapping[str, int]) -> None:

@@ -12,7 +12,12 @@ from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import name_robot
 from stiffscope.lobes.bands import relative_error
 from stiffscope.lobes.cutting import cutting_of
-from stiffscope.lobes.damping import check_damping, damping_of, lobes_section
+from stiffscope.lobes.damping import (
+    check_damping,
+    damping_of,
+    list_measured,
+    lobes_section,
+)
 from stiffscope.lobes.holder import find_holder_modes
 from stiffscope.lobes.levers import find_levers
 from stiffscope.lobes.limits import Limits, join_limits
@@ -68,9 +73,9 @@ def files_of(job: Job) -> list[Path]:
     section = getattr(job.section, "lobes", None)
     files = [job.path_file]
     if section is not None:
-        responses = section.responses
-        named = (section.measured, None if responses is None else responses.file)
-        files += [job.file.parent / name for name in named if name is not None]
+        files += list_measured(job)
+        if section.responses is not None:
+            files.append(job.file.parent / section.responses.file)
     return files
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.gap.campaign.campaign_header import NAME, load_header
 from stiffscope.gap.campaign.measured_responses import load_responses
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.forward.response_model import predict_responses
@@ -90,6 +91,23 @@ def _by_order(ratios: Array, hertz: Array) -> Array:
 
 def _measured_path(job: Job) -> Path:
     return job.file.parent / str(lobes_section(job).measured)
+
+
+def list_measured(job: Job) -> list[Path]:
+    """Return the files of a job's measured damping: a table, or a campaign's header and responses.
+
+    Raises
+    ------
+    InputError
+        The header of the campaign cannot be read.
+    """
+    if lobes_section(job).measured is None:
+        return []
+    path = _measured_path(job)
+    if not path.is_dir():
+        return [path]
+    setups = load_header(path).responses
+    return [path / NAME, *(path / setup.file for setup in setups)]
 
 
 def _read_table(file: Path) -> tuple[Array, Array]:

@@ -52,7 +52,8 @@ def find_holder_modes(job: Job) -> HolderModes | None:
     Raises
     ------
     InputError
-        A file of responses cannot be read, or shows no resonance of the tip.
+        A file of responses cannot be read, or shows no resonance of the tip that gives way to its
+        force.
     """
     section = lobes_section(job)
     rows = list[tuple[float, float, float, int]]()
@@ -63,15 +64,23 @@ def find_holder_modes(job: Job) -> HolderModes | None:
     if section.responses is not None:
         for name, response in _tip_responses(job, section.responses).items():
             fitted = fit_modes([response])
+            # motion along the force, however the sensor and the hammer point
+            sign = response.force.sign * response.motion.sign
+            residues = sign * fitted.residues[0]
+            if not (residues > 0.0).any():
+                raise InputError(
+                    f"{job.file}: lobes.responses.{name}: expected motion along the force in at "
+                    f"least one mode of {response.source}, got none; is a sign reversed?"
+                )
             rate = (2.0 * np.pi * fitted.frequency) ** 2
-            for k in np.flatnonzero(fitted.residues[0] > 0.0):
-                stiffness = rate[k] / fitted.residues[0, k]
+            for k in np.flatnonzero(residues > 0.0):
+                stiffness = rate[k] / residues[k]
                 for way in _WAYS[name]:
                     rows.append(
                         (fitted.frequency[k], fitted.damping[k], stiffness, way)
                     )
             for way in _WAYS[name]:
-                remainder[way] += max(float(fitted.remainder[0]), 0.0)
+                remainder[way] += max(float(sign * fitted.remainder[0]), 0.0)
     if not rows:
         return None
     table = np.array(rows)

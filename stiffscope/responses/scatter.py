@@ -31,7 +31,7 @@ class ScatterSettings:
     least_lines
         Lines of a response, of which fewer tell no scatter.
     least, most
-        Relative scatter beyond which none is believed.
+        Relative scatter beyond which none is believed; ``least`` also of the median level.
     usual
         Relative scatter where neither coherence nor neighbours tell one.
     """
@@ -54,15 +54,25 @@ def find_scatter(
     """Return the standard deviation (n,) of the real, and of the imaginary part of each line.
 
     Coherence γ² of n averages tells ``σ = |H| √((1 - γ²) / (2 n γ²))`` of a line, up to a factor
-    common to all lines that neighbouring lines tell: averages may be stated wrongly.
+    common to all lines that neighbouring lines tell: averages may be stated wrongly. A line of
+    exactly zero was not measured: its scatter is the largest level of all lines.
 
     Parameters
     ----------
     response
-        One response.
+        One response, not zero at every line.
     averages
         Averages behind each line.
     """
+    size = np.abs(response.receptance)
+    known = size > 0.0
+    scatter = _estimate(response, averages, settings)
+    floor = settings.least * float(np.median(size[known]))
+    return np.where(known, np.maximum(scatter, floor), size.max())
+
+
+def _estimate(response: Response, averages: int, settings: ScatterSettings) -> Array:
+    """Return the scatter (n,) of lines in proportion to their size; 0 of a line that is zero."""
     size = np.abs(response.receptance)
     beside = _compare_neighbours(response, settings)
     coherence = response.coherence

@@ -4,6 +4,7 @@ import json
 import shutil
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,8 +13,11 @@ from stiffscope.cli.main import _guarded
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.measured_responses import load_responses
 from stiffscope.gap.campaigns import compare_responses, open_case, rough_mechanism
+from stiffscope.gap.diagnose import forward_model
 from stiffscope.gap.forward.response_doubts import find_channel_doubts
 from stiffscope.gap.forward.response_model import predict_responses
+from stiffscope.gap.inference.lack_of_fit import misses_lines
+from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.model.bodies import Body
 from stiffscope.vjm.model.joints import Drive
@@ -121,6 +125,71 @@ def test_the_mass_of_a_sensor_lowers_the_frequencies(tmp_path):
     heavy = write(tmp_path, {"5, 0]": '5, 0], mass = "200 g"'})
     loaded = compare_responses(open_case(heavy))[0].predicted.modal
     assert loaded.frequencies[0] < 0.99 * free.frequencies[0]
+
+
+def model_of(folder):
+    """The forward model of a campaign of responses alone."""
+    case = open_case(folder)
+    nominal = NominalRobot(rough_mechanism(case.robot), case.robot)
+    responses = load_responses(folder, case.campaign, case.robot, nominal.mechanism)
+    return forward_model(case.campaign, nominal, responses)
+
+
+def test_responses_alone_have_one_pose_a_set_up(tmp_path):
+    campaign = model_of(write(tmp_path)).campaign
+    assert campaign.pose_names == ("tap",)
+    assert len(campaign.poses) == 1
+    assert campaign.find_pose_rows() == ("tap.csv",)  # lines of responses have no rows
+
+
+def write_lines(folder, first, second):
+    """Write a campaign of two responses at as many lines as given."""
+    write(folder)
+    rows = enumerate(zip(first, second, strict=True), start=1)
+    lines = [f"{k},{h},0,{g},0" for k, (h, g) in rows]
+    (folder / "tap.csv").write_text(
+        "\n".join(["frequency,H.re,H.im,G.re,G.im", *lines])
+    )
+    return folder
+
+
+@pytest.mark.parametrize("count", [3, 40])
+def test_a_line_of_exactly_zero_tells_nothing(tmp_path, count):
+    level = np.linspace(1.0, 2.0, count)
+    level[1] = 0.0
+    model = model_of(write_lines(tmp_path, level, level))
+    lines = model.blocks[0]
+    blank = lines.value == 0.0
+    assert blank.any()
+    assert lines.sigma[blank] == pytest.approx(2e-6)  # the largest line
+    assert lines.sigma[~blank].max() < 1e-6
+    assert np.isfinite(model.predict().values).all()
+
+
+def test_a_channel_that_is_zero_everywhere_is_left_out_and_named(tmp_path):
+    model = model_of(write_lines(tmp_path, [0.0] * 3, [1.0] * 3))
+    assert len(model.campaign) == 2 * 3
+    (remark,) = model.remarks(model.noise(), np.zeros(6))
+    assert "3:+x to 3:-y is zero at every line" in remark
+    with pytest.raises(InputError, match="expected lines other than zero"):
+        _ = model_of(write_lines(tmp_path, [0.0] * 3, [0.0] * 3)).campaign
+
+
+def test_lines_left_beyond_their_noise_are_a_reason():
+    lines = np.array([False, True, True])
+    used = np.array([True, True, True])
+    campaign = SimpleNamespace(in_blocks=lines)
+    found = SimpleNamespace(campaign=campaign, used_readings=used)
+    found.residual = np.array
+    assert misses_lines(found, [9.0, 1.0, -1.0]) == ""
+    assert "left at 3 times their noise" in misses_lines(found, [0.0, 3.0, -3.0])
+
+
+def test_a_pose_that_lost_its_readings_has_no_row():
+    campaign = open_case("gauges").campaign
+    rows = campaign.find_pose_rows()
+    left = campaign.select(np.flatnonzero(campaign.pose != 1))
+    assert left.find_pose_rows() == (rows[0], "", *rows[2:])
 
 
 WRONG = {

@@ -197,6 +197,23 @@ def test_a_mimic_joint_is_told_and_moves_freely(imported):
     assert len(robot.tool.pose) == at_home.motions(robot, driven=False).shape[1] == 2
 
 
+@pytest.mark.parametrize(("home", "lead"), [((), 0.1), (("shoulder=0.3",), 0.3)])
+def test_a_mimic_joint_follows_and_leaves_its_leader_where_it_is(imported, home, lead):
+    """The shoulder is at its lower limit or where it is told; the slide at 0.5 of it + 0.02 m."""
+    mimic = ARM.replace('lower="-1" upper="2"', 'lower="0.1" upper="2"').replace(
+        '<limit lower="-0.1"',
+        '<mimic joint="shoulder" multiplier="0.5" offset="0.02"/><limit lower="-0.1"',
+    )
+    drives = ["shoulder=1 N*m/rad", "slide=1 N/m"]
+    _, robot, _ = imported(mimic, ".urdf", drives=drives, home=home)
+    slide = 0.5 * lead + 0.02
+    lowest, highest = robot.joints["shoulder"].drive.range
+    assert (lowest, highest) == pytest.approx((0.1 - lead, 2.0 - lead))
+    assert robot.joints["slide"].drive.range == pytest.approx(
+        (-0.1 - slide, 0.2 - slide)
+    )
+
+
 @pytest.mark.parametrize(
     ("text", "suffix", "note"),
     [

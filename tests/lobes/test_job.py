@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from stiffscope.cli.main import cli
+from stiffscope.design.making import identify
 from stiffscope.design.studies import study
+from stiffscope.design.study_reading import load_study
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.live.page import Setting, answer
@@ -23,7 +25,7 @@ from stiffscope.lobes.chatter import (
 from stiffscope.lobes.cutting import cutting_of
 from stiffscope.lobes.damping import damping_of, pair_damping
 from stiffscope.lobes.engagement import one_direction
-from stiffscope.lobes.holder import HolderModes
+from stiffscope.lobes.holder import HolderModes, find_holder_modes
 from stiffscope.lobes.levers import find_levers
 from stiffscope.lobes.response import couple_holder
 from stiffscope.lobes.zero_order import find_critical
@@ -48,6 +50,11 @@ MILLING = {
 LOBES = {"damping": "0.03", "points": "40", "speeds": '["6000 rpm", "18000 rpm"]'}
 PLACES = ("0.56,0.10", "0.58,0.10", "0.58,0.12")
 PATH = "x,y,z,rx,ry,rz,feed\n" + "".join(f"{at},0.15,0,0,0,0.01\n" for at in PLACES)
+STUDY = (
+    'robot = "serial-arm"\ncomponents = "beam"\nmethod = "grid"\n'
+    'parameters = { "joints.J1.drive.stiffness" = { values = ["25 kN*m/rad"] } }\n'
+    'responses = { depth = { of = "critical_depth", path = "job.toml" } }\n'
+)
 
 
 def _write(folder, milling=None, lobes=None, robot="serial-arm", path=PATH):
@@ -196,11 +203,7 @@ def test_study_and_path_have_the_same_critical_depth(tmp_path, arm):
     job, made = arm
     depth = critical_along(job, made)
     assert len(depth) == len(job.path)
-    (tmp_path / "study.toml").write_text(
-        'robot = "serial-arm"\ncomponents = "beam"\nmethod = "grid"\n'
-        'parameters = { "joints.J1.drive.stiffness" = { values = ["25 kN*m/rad"] } }\n'
-        'responses = { depth = { of = "critical_depth", path = "job.toml" } }\n'
-    )
+    (tmp_path / "study.toml").write_text(STUDY)
     table = study(tmp_path / "study.toml").table
     assert float(table["depth [m]"].iloc[0]) == pytest.approx(depth.min(), rel=1e-9)
 
@@ -315,44 +318,86 @@ def test_bad_turning_is_one_line(tmp_path, change, said):
     assert "\n" not in str(caught.value)
 
 
-def test_a_measured_holder_is_that_of_its_modes(tmp_path):
-    # a table of the clamped holder's response, computed from two modes
+HOLDER = ((900.0, 0.02, 8e6), (1900.0, 0.03, 2e7))  # Hz, ratio, N/m
+
+
+def _write_holder(folder, sign=1.0):
+    """Write a table of the accelerance of a clamped holder, computed from its modes."""
     hertz = np.linspace(200.0, 3000.0, 1400)
     omega = 2.0 * np.pi * hertz
-    modes = ((900.0, 0.02, 8e6), (1900.0, 0.03, 2e7))
     whole = np.zeros(len(hertz), dtype=complex)
-    for frequency, damping, stiffness in modes:
+    for frequency, damping, stiffness in HOLDER:
         ratio = hertz / frequency
         whole += 1.0 / (stiffness * (1.0 - ratio**2 + 2j * damping * ratio))
     noise = np.random.default_rng(0).normal(size=(2, len(hertz)))
-    whole = whole * (1.0 + 0.01 * (noise[0] + 1j * noise[1])) * -(omega**2)
+    whole = whole * (1.0 + 0.01 * (noise[0] + 1j * noise[1])) * -sign * omega**2
     table = np.column_stack([hertz, whole.real, whole.imag])
     np.savetxt(
-        tmp_path / "holder.csv",
+        folder / "holder.csv",
         table,
         delimiter=",",
         header="frequency,H.re,H.im",
         comments="",
     )
+
+
+def _measured_holder(channel):
+    return (
+        '[lobes.responses]\nfile = "holder.csv"\nradial = "1:+x"\n'
+        f'channels = {{ H = "{channel}" }}\nquantity = "accelerance"\n'
+    )
+
+
+def test_a_measured_holder_is_that_of_its_modes(tmp_path):
+    _write_holder(tmp_path)
     file = _write(tmp_path)
     text = file.read_text()
     stated = "".join(
         f'[[lobes.holder]]\nfrequency = "{f} Hz"\nstiffness = "{k} N/m"\n'
         f'damping = {z}\ndirection = "radial"\n'
-        for f, z, k in modes
+        for f, z, k in HOLDER
     )
     file.write_text(text + stated)
     job, made = _load(file)
     expected = critical_along(job, made)
-    file.write_text(
-        text + '[lobes.responses]\nfile = "holder.csv"\nradial = "1:+x"\n'
-        'channels = { H = "1:+x" }\nquantity = "accelerance"\n'
-    )
+    file.write_text(text + _measured_holder("1:+x"))
     job, made = _load(file)
     assert critical_along(job, made) == pytest.approx(expected, rel=0.02)
     file.write_text(text)
     job, made = _load(file)
     assert critical_along(job, made) != pytest.approx(expected, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("channel", "sign"), [("1:+x/1:-x", -1.0), ("1:-x/1:+x", -1.0), ("1:-x", 1.0)]
+)
+def test_a_holder_may_be_hit_against_its_sensor(tmp_path, channel, sign):
+    _write_holder(tmp_path, sign)
+    file = _write(tmp_path)
+    text = file.read_text()
+    file.write_text(text + _measured_holder(channel))
+    modes = find_holder_modes(load_job(file))
+    rows = [row for row in HOLDER for _ in "xy"]
+    assert np.sqrt(modes.squares) / (2.0 * np.pi) == pytest.approx(
+        [row[0] for row in rows], rel=0.005
+    )
+    assert modes.stiffness.min(axis=1) == pytest.approx(
+        [row[2] for row in rows], rel=0.05
+    )
+
+
+def test_a_holder_that_moves_against_its_force_is_refused(tmp_path):
+    _write_holder(tmp_path, -1.0)
+    file = _write(tmp_path)
+    text = file.read_text()
+    file.write_text(text + _measured_holder("1:+x"))
+    with pytest.raises(InputError) as caught:
+        find_holder_modes(load_job(file))
+    assert "lobes.responses.radial: expected motion along the force" in str(
+        caught.value
+    )
+    assert "holder.csv" in str(caught.value)
+    assert "\n" not in str(caught.value)
 
 
 def test_damping_of_a_hammer_campaign_goes_with_the_shapes():
@@ -363,6 +408,25 @@ def test_damping_of_a_hammer_campaign_goes_with_the_shapes():
         made = assemble_robots(robots, "published", shop)["robot"]
     found = pair_damping(Path("examples/hammer"), made)
     assert found[:4] == pytest.approx(0.02, rel=0.05)
+
+
+@pytest.mark.parametrize("changed", ["campaign.toml", "tap.uff"])
+def test_a_study_depends_on_the_files_of_a_hammer_campaign(tmp_path, changed):
+    hammer = tmp_path / "hammer"
+    hammer.mkdir()
+    (hammer / "campaign.toml").write_text(
+        'robot = "serial-arm"\n[responses.tap]\nfile = "tap.uff"\npose = "home"\n'
+        'points = { 1 = { body = "tool" } }\n'
+    )
+    (hammer / "tap.uff").write_text("    -1\n")
+    _write(tmp_path, lobes={"damping": '"measured"', "measured": '"hammer"'})
+    file = tmp_path / "study.toml"
+    file.write_text(STUDY)
+    before = identify(load_study(file))
+    assert identify(load_study(file)) == before
+    with (hammer / changed).open("a") as stream:
+        stream.write("\n")
+    assert identify(load_study(file)) != before
 
 
 def test_a_map_holds_what_a_pose_gives(tmp_path):

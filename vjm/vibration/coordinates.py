@@ -130,7 +130,7 @@ class Coordinates:
             Rows (r, 6 k), or wider for coordinates that follow, of the k twists.
         """
         parts = np.split(factor[:, : 6 * len(ends)], len(ends), axis=1)
-        carried = {
+        carried: dict[str, Array] = {
             node: (part @ back).mT
             for (node, back), part in zip(ends.items(), parts, strict=True)
         }
@@ -213,7 +213,8 @@ def _pick_rows(rows: Any, index: NDArray[np.intp]) -> Any:
             rows if len(rows.matrix) == 1 else replace(rows, matrix=rows.matrix[index])
         )
     if isinstance(rows, np.ndarray):
-        return rows if len(rows) == 1 else rows[index]
+        array = cast("Array", rows)
+        return array if len(array) == 1 else array[index]
     if isinstance(rows, list):
         return [_pick_rows(each, index) for each in cast("list[Any]", rows)]
     return {

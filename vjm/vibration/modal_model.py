@@ -20,6 +20,8 @@ from stiffscope.vjm.vibration.pencil import form_pencils
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from numpy.typing import NDArray
+
     from stiffscope.vjm.kinematics.configurations import Configurations
     from stiffscope.vjm.model.mechanism import Mechanism
     from stiffscope.vjm.model.screws import Array
@@ -95,7 +97,7 @@ class ModalModel:
         return out
 
     def solve_static(
-        self, points: Sequence[tuple[str, Array, Array]], modes: Array
+        self, points: Sequence[tuple[str, Array, Array]], modes: NDArray[np.intp]
     ) -> Response:
         """Return the static response to wrenches at points, then to inertial loads ``M v``.
 

@@ -40,6 +40,8 @@ _AT_AXES = by_code(lambda kind: not kind.instrument)
 _IN_BLOCKS = by_code(lambda kind: kind.predictor is None)
 AT_TOOL = -1
 """Code for no sensor (a quantity at M), and for no load point (a wrench at M)."""
+NO_LINE = 0
+"""Line number of what a file holds on no line of its own."""
 
 
 def _no_codes() -> Indices:
@@ -156,7 +158,7 @@ class Campaign:
     file: Indices
     """Index (n,) of each reading's file."""
     line: Indices
-    """Line number (n,) of each reading in its file."""
+    """Line number (n,) of each reading in its file, from 1; `NO_LINE` for lines of responses."""
     predictions: dict[str, Array] = field(default_factory=dict[str, "Array"])
     """Predicted values (n,): `value` for the model under test, rivals by column name."""
     coordinates: tuple[str, ...] = AXES[:3]
@@ -301,8 +303,18 @@ class Campaign:
         return self.source.refuse(key, message)
 
     def where(self, reading: int) -> str:
-        """Return the file and line of one reading."""
-        return f"{self.files[self.file[reading]]}:{self.line[reading]}"
+        """Return the file and line of one reading; the file alone if it has none."""
+        file = self.files[int(self.file[reading])]
+        line = int(self.line[reading])
+        return file if line == NO_LINE else f"{file}:{line}"
+
+    def find_pose_rows(self) -> tuple[str, ...]:
+        """Return file and line of the first reading at each pose; "" at one without readings."""
+        rows = [""] * len(self.pose_names)
+        poses, first = np.unique(self.pose, return_index=True)
+        for pose, reading in zip(poses.tolist(), first.tolist(), strict=True):
+            rows[pose] = self.where(reading)
+        return tuple(rows)
 
     @property
     def instruments(self) -> tuple[str, ...]:

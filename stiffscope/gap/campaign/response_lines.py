@@ -9,10 +9,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.gap.campaign.campaign import NO_LINE
 from stiffscope.gap.campaign.kinds import CODE_ALONG, number_of
 from stiffscope.gap.campaign.kinds.responses import RESPONSE
 from stiffscope.responses.checks import find_resonances
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.campaign.measured_responses import MeasuredResponses
     from stiffscope.responses.model import Response
-    from stiffscope.runtime.types import Array, Indices
+    from stiffscope.runtime.types import Array, Complex, Indices
 
 
 @dataclass(frozen=True)
@@ -83,7 +84,7 @@ class ResponseBlock:
     measured: MeasuredResponses
     frequency: Array
     mean: Array | None
-    value: NDArray[np.complex128]
+    value: Complex
     sigma: Array
     damping: float
 
@@ -91,7 +92,7 @@ class ResponseBlock:
         """Return the number of real readings."""
         return 2 * self.value.size
 
-    def read(self, lines: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    def read(self, lines: Complex) -> Complex:
         """Return readings (r, m, ...) of lines (r, f, ...)."""
         if self.mean is None:
             return lines
@@ -106,7 +107,7 @@ class ResponseBlock:
         return 1.0 / self.sigma
 
 
-def stack_parts(values: NDArray[np.complex128]) -> Array:
+def stack_parts(values: Complex) -> Array:
     """Return real readings (2 r m, ...) of complex ones (r, m, ...)."""
     flat = values.reshape(values.shape[0] * values.shape[1], *values.shape[2:])
     return np.concatenate([flat.real, flat.imag])
@@ -117,6 +118,8 @@ def read_lines(
 ) -> tuple[ResponseBlock, ...]:
     """Return the lines of a set-up that tell, or their local means.
 
+    Responses that are zero at every line are left out (`find_silent`).
+
     Parameters
     ----------
     measured
@@ -125,7 +128,8 @@ def read_lines(
         Standard deviation of the window of a local mean, relative to frequency; 0: lines.
     """
     blocks = list[ResponseBlock]()
-    for responses in _group_by_lines(measured.responses):
+    heard = [each for each in measured.responses if each.receptance.any()]
+    for responses in _group_by_lines(heard):
         own = replace(measured, responses=tuple(responses))
         scatter = np.array(
             [find_scatter(each, measured.setup.averages) for each in responses]
@@ -136,6 +140,16 @@ def read_lines(
         find = _find_means if width else _find_lines
         blocks.append(find(own, scatter, damping, width, settings))
     return tuple(blocks)
+
+
+def find_silent(measured: MeasuredResponses) -> tuple[str, ...]:
+    """Return a remark on each response of a set-up that is zero at every line."""
+    return tuple(
+        f"{each.source}: response {each.force} to {each.motion} is zero at every line: "
+        "left out"
+        for each in measured.responses
+        if not each.receptance.any()
+    )
 
 
 def _group_by_lines(responses: Sequence[Response]) -> list[list[Response]]:
@@ -183,7 +197,8 @@ def _find_means(
     hertz = hertz[lines]
     value = np.array([response.receptance[lines] for response in responses])
     count = max(int(np.ceil(np.log(hertz[-1] / hertz[0]) / width / settings.wide)), 1)
-    centres = np.geomspace(hertz[0], hertz[-1], count + 1)
+    ends = float(hertz[0]), float(hertz[-1])
+    centres: Array = np.geomspace(*ends, num=count + 1)
     away = (hertz - centres[:, None]) / (width * centres[:, None])
     spacing = np.gradient(hertz) if len(hertz) > 1 else np.ones(1)
     mean = np.exp(-0.5 * away**2) * (np.abs(away) <= settings.reach) * spacing
@@ -203,11 +218,8 @@ def _find_means(
 
 def find_peaks(responses: Sequence[Response]) -> Indices:
     """Return the lines with a resonance in the rms level of all responses."""
-    levels = [
-        np.abs(response.receptance) / np.median(np.abs(response.receptance))
-        for response in responses
-        if response.receptance.any()
-    ]
+    sizes = [np.abs(response.receptance) for response in responses]
+    levels = [size / np.median(size[size > 0.0]) for size in sizes if size.any()]
     if not levels:
         return np.zeros(0, dtype=np.int64)
     size = np.sqrt(np.mean(np.square(levels), axis=0))
@@ -237,23 +249,25 @@ def _thin(hertz: Array, peaks: Array, damping: float, spread: float) -> Indices:
 
 
 def join_responses(campaign: Campaign, blocks: Sequence[ResponseBlock]) -> Campaign:
-    """Return a campaign with the lines of responses as further readings, at poses of their own."""
+    """Return a campaign with the lines of responses as further readings, at poses of their own.
+
+    Without readings, the campaign's poses only place the robot: those of the responses replace them.
+    """
     if not blocks:
         return campaign
     setups = list(dict.fromkeys(block.measured.setup.name for block in blocks))
-    first = len(campaign.poses)
-    poses = dict[str, "Array"]()
-    columns: dict[str, list[Array]] = {}
+    read = campaign if len(campaign) else _drop_poses(campaign)
+    first = len(read.poses)
+    columns: dict[str, list[NDArray[Any]]] = {}
 
-    def add(**values: Array) -> None:
+    def add(**values: NDArray[Any]) -> None:
         for key, value in values.items():
             columns.setdefault(key, []).append(value)
 
     for block in blocks:
         measured = block.measured
         name = measured.setup.name
-        poses.setdefault(name, np.full(campaign.poses.shape[1], np.nan))
-        count, lines = block.value.shape
+        lines = block.value.shape[1]
         axes = np.array([each.motion.axis for each in measured.responses])
         code = CODE_ALONG[number_of(RESPONSE)][np.tile(np.repeat(axes, lines), 2)]
         n = len(code)
@@ -265,7 +279,7 @@ def join_responses(campaign: Campaign, blocks: Sequence[ResponseBlock]) -> Campa
             wrench=np.full((n, 6), np.nan),
             session=np.zeros(n, dtype=np.int64),
             file=np.full(n, len(campaign.files) + setups.index(name)),
-            line=np.tile(np.arange(count * lines), 2),
+            line=np.full(n, NO_LINE),
             sensor=np.full(n, -1),
             load=np.full(n, -1),
         )
@@ -273,6 +287,7 @@ def join_responses(campaign: Campaign, blocks: Sequence[ResponseBlock]) -> Campa
         key: np.concatenate([getattr(campaign, key), *parts])
         for key, parts in columns.items()
     }
+    unstated = np.full((len(setups), read.poses.shape[1]), np.nan)
     files = {block.measured.setup.name: block.measured.setup.file for block in blocks}
     expected = campaign.expected
     if expected is not None:
@@ -280,13 +295,18 @@ def join_responses(campaign: Campaign, blocks: Sequence[ResponseBlock]) -> Campa
         expected = np.concatenate([expected, more])
     return replace(
         campaign,
-        poses=np.concatenate([campaign.poses, np.array(list(poses.values()))]),
-        pose_names=(*campaign.pose_names, *setups),
+        poses=np.concatenate([read.poses, unstated]),
+        pose_names=(*read.pose_names, *setups),
         session_names=campaign.session_names or ("",),
         files=(*campaign.files, *files.values()),
         expected=expected,
         **joined,
     )
+
+
+def _drop_poses(campaign: Campaign) -> Campaign:
+    """Return a campaign without its poses."""
+    return replace(campaign, poses=campaign.poses[:0], pose_names=())
 
 
 def place_at_responses(

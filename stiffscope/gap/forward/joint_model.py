@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.campaign.response_lines import join_responses, read_lines
+from stiffscope.errors import InputError
+from stiffscope.gap.campaign.response_lines import (
+    find_silent,
+    join_responses,
+    read_lines,
+)
 from stiffscope.gap.effects.masses import Gravity
 from stiffscope.gap.effects.vocabulary import find_candidates
 from stiffscope.gap.forward.forward_model import Noise
@@ -78,14 +83,25 @@ class JointModel:
             for block in read_lines(measured, self.width)
         )
 
-    @cached_property
+    @property
     def campaign(self) -> Campaign:
         """Static readings and lines."""
-        return join_responses(self.readings.campaign, self.blocks)
+        return self._campaign
 
     @cached_property
+    def _campaign(self) -> Campaign:
+        joined = join_responses(self.readings.campaign, self.blocks)
+        if not len(joined):
+            raise InputError("responses: expected lines other than zero, got none")
+        return joined
+
+    @property
     def coarse(self) -> JointModel | None:
         """The same model by local means of lines, in which a search starts; None if it is that."""
+        return self._coarse
+
+    @cached_property
+    def _coarse(self) -> JointModel | None:
         if self.width:
             return None
         return JointModel(self.readings, self.responses, WIDTH, self.known)
@@ -186,14 +202,15 @@ class JointModel:
         return self.readings.trial(sigma[: len(self.readings.campaign)])
 
     def remarks(self, noise: Noise, unexplained: Array) -> tuple[str, ...]:
-        """Return remarks on the static readings' residuals."""
+        """Return remarks on silent responses, and on the static readings' residuals."""
+        silent = [text for each in self.responses for text in find_silent(each)]
         count = len(self.readings.campaign)
         if not count:
-            return ()
+            return tuple(silent)
         own = replace(
             noise,
             sigma=noise.sigma[:count],
             used=noise.used[:count],
             scaled=noise.scaled[:count],
         )
-        return self.readings.remarks(own, unexplained[:count])
+        return (*silent, *self.readings.remarks(own, unexplained[:count]))

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.campaign.response_lines import ResponseBlock
     from stiffscope.gap.effects.effect import Candidate
     from stiffscope.gap.forward.robot_prediction import RobotPrediction
-    from stiffscope.gap.forward.slopes import Step, Steps
+    from stiffscope.gap.forward.steps import Step, Steps
     from stiffscope.runtime.types import Array
 
 

@@ -29,18 +29,14 @@ from stiffscope.vjm.vibration.modal_model import solve_all_modes
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
-
     from stiffscope.gap.campaign.response_lines import ResponseBlock
     from stiffscope.gap.effects.effect import Payload
     from stiffscope.responses.model import Direction
-    from stiffscope.runtime.types import Array, Indices
+    from stiffscope.runtime.types import Array, Complex, Flags, Indices
     from stiffscope.vjm.model.mechanism import Mechanism
     from stiffscope.vjm.network.loading import Response as StaticResponse
     from stiffscope.vjm.vibration.coordinates import PointMass, PointSpring
     from stiffscope.vjm.vibration.modal_model import ModalModel
-
-    Complex = NDArray[np.complex128]
 
 
 @dataclass(frozen=True)
@@ -237,7 +233,7 @@ class ResponseState:
         second = np.cross(own, least)
         second = second / np.linalg.norm(second, axis=1, keepdims=True)
         third = np.cross(own, second)
-        turns = self.directions[:, 3:].any(axis=1)[:, None]
+        turns: Flags = np.any(self.directions[:, 3:] != 0.0, axis=1, keepdims=True)
         spread = [
             np.hstack([np.where(turns, 0.0, each), np.where(turns, each, 0.0)])
             for each in (second, third)

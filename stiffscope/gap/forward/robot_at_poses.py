@@ -46,7 +46,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.campaign.kinds.kind import Predictor
     from stiffscope.gap.effects.effect import Effect, Payload
     from stiffscope.gap.forward.setup import Setup
-    from stiffscope.gap.forward.slopes import Steps
+    from stiffscope.gap.forward.steps import Steps
     from stiffscope.robot.nominal import NominalRobot
     from stiffscope.runtime.types import Array, Flags, Indices
     from stiffscope.vjm.kinematics.configurations import Configurations

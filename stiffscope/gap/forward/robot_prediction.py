@@ -12,7 +12,8 @@ from stiffscope.gap.campaign.columns import swap_columns
 from stiffscope.gap.effects.effect import Effect, Influence
 from stiffscope.gap.effects.instruments import SensorStep
 from stiffscope.gap.forward.robot_readings import RobotReadings
-from stiffscope.gap.forward.slopes import Steps, find_slopes
+from stiffscope.gap.forward.slopes import find_slopes
+from stiffscope.gap.forward.steps import Steps
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -15,7 +15,10 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from stiffscope.gap.effects.effect import Candidate
+    from stiffscope.gap.forward.joint_prediction import JointPrediction
     from stiffscope.gap.forward.robot_prediction import RobotPrediction
+
+    Predicted = RobotPrediction | JointPrediction
 
 _MODULUS = ".youngs_modulus"
 _SAME = 1e-9  # 1 - |cosine| of signatures below which effects are indistinguishable
@@ -26,7 +29,7 @@ geometry times sag, which derivatives to first order do not carry."""
 _OF_ONE_SIZE = 30.0  # largest ratio of the usual changes of readings by two twins
 
 
-def _shows(candidate: Candidate, prediction: RobotPrediction) -> bool:
+def _shows(candidate: Candidate, prediction: Predicted) -> bool:
     """Return whether parameters of prior size would change any reading beyond rounding."""
     largest = float(np.abs(prediction.plain_readings).max(initial=0.0))
     sizes = np.abs(prediction.columns(candidate)) * np.array(candidate.scale)
@@ -40,7 +43,7 @@ def _is_factor(first: Candidate, other: Candidate) -> bool:
 
 
 def _is_shown_by_weight(
-    candidate: Candidate, prediction: RobotPrediction, heavy: RobotPrediction
+    candidate: Candidate, prediction: Predicted, heavy: Predicted
 ) -> bool:
     """Return whether parameters of prior size would change readings under weight."""
     weight = np.abs(heavy.plain_readings - prediction.plain_readings).max(initial=0.0)
@@ -49,7 +52,7 @@ def _is_shown_by_weight(
 
 
 def merge_twins(
-    given: Sequence[Candidate], plain: RobotPrediction, prediction: RobotPrediction
+    given: Sequence[Candidate], plain: Predicted, prediction: Predicted
 ) -> tuple[Candidate, ...]:
     """Merge candidates of one parameter with the same signature as twins of the first.
 

@@ -132,7 +132,7 @@ class Where:
     component: dict[str, float] = field(default_factory=dict[str, float])
     pose_names: tuple[str, ...] = ()
     rows: tuple[str, ...] = ()
-    """File and line of the first reading at each pose."""
+    """File and line of the first reading at each pose; "" at one without readings."""
     pose: tuple[tuple[float, ...], ...] = ()
     """Rms residuals over sigma by pose and direction (x y z rx ry rz); NaN if not read."""
     unexplained: tuple[tuple[float, ...], ...] = ()

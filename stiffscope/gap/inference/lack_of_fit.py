@@ -35,13 +35,16 @@ def lack_of_fit(found: Findings, hypothesis: Hypothesis) -> str:
     return f"{left}; {together}" if together else left
 
 
-def misses_lines(found: Findings, hypothesis: Hypothesis) -> bool:
-    """Return whether a hypothesis leaves lines of responses far beyond their noise."""
+def misses_lines(found: Findings, hypothesis: Hypothesis) -> str:
+    """Return a description of lines of responses left far beyond their noise; empty if none are."""
     lines = found.used_readings & found.campaign.in_blocks
     if not lines.any():
-        return False
-    left = found.residual(hypothesis)[lines]
-    return float(np.mean(left**2)) > TESTS.missed
+        return ""
+    square = float(np.mean(found.residual(hypothesis)[lines] ** 2))
+    if square <= TESTS.missed:
+        return ""
+    size = f"{np.sqrt(square):.3g} times their noise"
+    return f"the lines of responses are left at {size}: nothing is certain"
 
 
 def correlation(found: Findings, hypothesis: Hypothesis) -> str:

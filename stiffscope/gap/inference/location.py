@@ -33,7 +33,7 @@ def locate_residuals(found: Findings, reported: Hypothesis, *, beyond: bool) -> 
         direction=by_direction(c, before),
         component=component_shares(found, reported),
         pose_names=c.pose_names,
-        rows=tuple(map(c.where, np.unique(c.pose, return_index=True)[1].tolist())),
+        rows=c.find_pose_rows(),
         pose=by_pose(c, before),
         unexplained=by_pose(c, after),
         left=by_direction(c, after) if beyond else {},

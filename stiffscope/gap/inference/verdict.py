@@ -49,8 +49,11 @@ def judge_findings(found: Findings) -> Judgement:
     best = found.best
     none = found.none
     certain, strange, unsettled = _find_certain(found)
-    if certain and misses_lines(found, best):
+    missed = misses_lines(found, best) if certain else ""
+    reasons = [missed] if missed else []
+    if missed:
         certain = []
+        unsettled.append(missed)
     kept = found.fit_effects(certain)
     before = found.chi2(none)
     other = found.fit_named(certain)
@@ -76,13 +79,13 @@ def judge_findings(found: Findings) -> Judgement:
         rest = lack_of_fit(found, known)
         if not best.words or strange or rest:
             left = rest if best.words else gap
-            return Judgement(
-                "unexplained", (), none, (*strange, *([left] if left else []))
-            )
+            remarks = (*strange, *reasons, *([left] if left else []))
+            return Judgement("unexplained", (), none, remarks)
         return Judgement("ambiguous", known.words, known, tuple(unsettled))
     alone = sum(p for h, p in found.ranked if not h.words)
     if found.problem.noise.scaled.any() and alone <= VERDICT.majority and strange:
-        return Judgement("unexplained", (), none, tuple(strange))  # of unknown noise
+        remarks = (*strange, *reasons)
+        return Judgement("unexplained", (), none, remarks)  # of unknown noise
     if alone > VERDICT.majority or not best.words or strange:
         return Judgement("no-gap", (), none, tuple(strange))
     known = found.fit_effects(best.words)

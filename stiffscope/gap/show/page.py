@@ -121,7 +121,8 @@ def share_view(
         return None
     where = diagnosis.where
     mechanism = assembled.mechanism
-    sizes = np.sqrt(np.nanmean(np.square(np.array(where.pose, dtype=float)), axis=1))
+    shown = where.pose[: len(found)]  # set-ups of responses come after them
+    sizes = np.sqrt(np.nanmean(np.square(np.array(shown, dtype=float)), axis=1))
     chosen = np.argsort(-np.nan_to_num(sizes))[:MOST_POSES]
     found = found[chosen]
     part = text.shares(assembled.robot, diagnosis)

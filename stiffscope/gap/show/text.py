@@ -352,8 +352,8 @@ def shares(robot: RobotFile, diagnosis: Diagnosis) -> dict[str, float]:
 
 def _name_row(where: Where, number: int) -> str:
     """Return a pose by its label, and where its readings begin."""
-    row = f" from {where.rows[number]}" if where.rows else ""
-    return f"{where.pose_names[number]}{row}"
+    row = where.rows[number] if where.rows else ""
+    return f"{where.pose_names[number]} from {row}" if row else where.pose_names[number]
 
 
 def describe_location(where: Where) -> list[str]:
