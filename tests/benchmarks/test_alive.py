@@ -133,7 +133,7 @@ def test_a_campaign_of_the_second_laboratory():
 
 
 def test_a_humanoid_with_nothing_wrong(tmp_path, monkeypatch):
-    monkeypatch.setattr(test_humanoid, "POSES", 30)
+    monkeypatch.setattr(test_humanoid, "POSES", 60)
     test_humanoid.test_humanoid("nothing wrong", 1, tmp_path)
 
 

@@ -114,11 +114,12 @@ def test_a_campaign_cannot_inject_anything(text, tmp_path):
         effects=(effect, effect),
         alternatives=(Alternative(text, text, 0.1, 1.0, text),),
         where=Where(
-            {text: 1.0},
-            {text: 1.0},
-            (text, text),
-            plain.where.pose,
-            plain.where.unexplained,
+            direction={text: 1.0},
+            component={text: 1.0},
+            pose_names=(text, text),
+            rows=(text, text),
+            pose=plain.where.pose,
+            unexplained=plain.where.unexplained,
         ),
         next_measurement=replace(
             plain.next_measurement, separates=(text, text), pose=text

@@ -125,6 +125,7 @@ def test_what_shows_of_a_mass_is_its_moment(tmp_path):
     assert all(p.plausible for p in effect.parameters.values())
 
 
+@pytest.mark.extended
 def test_a_mass_beside_its_body_is_told_by_its_moment(tmp_path):
     """5 kg hung 0.9 m beside a link that reaches 0.3 m: 44 N·m about its joint, whatever the mass."""
     rng = np.random.default_rng(1)

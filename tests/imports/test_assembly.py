@@ -426,7 +426,7 @@ def test_a_joint_of_build123d_that_contacts_contradict_is_told(tmp_path):
         (("a text", {}), "expected a build123d Compound of solids, got str"),
         (
             (b.Compound(children=[b.Face.make_rect(1, 1)]), {}),
-            "expected at least one closed solid, got 1 shapes",
+            "expected at least one closed solid, got 1 shape ",
         ),
         (
             (b.Pos(1e400, 0, 0) * b.Solid.make_box(1, 1, 1), {}),

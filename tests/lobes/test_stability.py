@@ -133,7 +133,12 @@ def _points(rng, response, cut, count):
 
 @pytest.mark.parametrize(
     ("teeth", "width", "climb"),
-    [(4, 10e-3, True), (3, 7e-3, True), (2, 0.5e-3, False), (2, 0.5e-3, True)],
+    [
+        (4, 10e-3, True),
+        (3, 7e-3, True),
+        pytest.param(2, 0.5e-3, False, marks=pytest.mark.extended),
+        pytest.param(2, 0.5e-3, True, marks=pytest.mark.extended),
+    ],
 )
 def test_simulations_in_the_time_domain_agree(teeth, width, climb):
     rng = np.random.default_rng(teeth + int(1e5 * width))

@@ -724,6 +724,6 @@ def test_stress_in_a_rod_is_that_of_a_bar_under_thrust_and_moment(tmp_path):
     )
     middle = np.abs(field.points[:, 0] - 0.03) < 0.01
     np.testing.assert_allclose(
-        field.point_data["von_mises"][middle], np.abs(bar[middle]), atol=0.02 * expected
+        field.point_data["von_mises"][middle], np.abs(bar[middle]), atol=0.03 * expected
     )
     assert (tmp_path / "stress.png").stat().st_size > 10_000
