@@ -95,7 +95,7 @@ def _find_growth(
 
 
 def _find_spreads(
-    found: Findings, model: RobotModel, joint: Hypothesis
+    found: Findings, model: RobotModel | JointModel, joint: Hypothesis
 ) -> dict[str, float]:
     """Return the standard uncertainty of each drive's relative compliance, all of them free."""
     known = ActuatorStiffness.candidates(model.setting)

@@ -126,7 +126,8 @@ def _relative(
     if e.bearer == e.first and not e.is_mirrored:
         # the joint's axis has tilted by ω about the point on the second body: d - ω × d
         tilt = np.stack([np.zeros(len(turn)), -turn[:, 2, 0], turn[:, 1, 0]], axis=-1)
-        gap = gap - np.cross(tilt, gap)
+        swept: Array = np.cross(tilt, gap)
+        gap = gap - swept
     return gap, turn
 
 
