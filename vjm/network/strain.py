@@ -121,13 +121,12 @@ def _relative(
     """
     own, at = (e.axes, e.at) if drawn is None else (drawn.axes, drawn.at)
     moved = where.point(e.second, at) - where.point(e.first, at)
-    gap = np.einsum("nji,nj->ni", where.axes(e.carrier, own), moved)
+    gap: Array = np.einsum("nji,nj->ni", where.axes(e.carrier, own), moved)
     turn = where.turn(e, own)
     if e.bearer == e.first and not e.is_mirrored:
         # the joint's axis has tilted by ω about the point on the second body: d - ω × d
         tilt = np.stack([np.zeros(len(turn)), -turn[:, 2, 0], turn[:, 1, 0]], axis=-1)
-        swept: Array = np.cross(tilt, gap)
-        gap = gap - swept
+        gap -= np.cross(tilt, gap)
     return gap, turn
 
 
