@@ -45,6 +45,41 @@ at = {at}
 pose = {pose}
 """
 """Two rigid bodies, two drives."""
+GUIDES = """
+name = "guides"
+[gravity]
+acceleration = 9.81
+direction = [0, 0.3, -1]
+[bodies.table]
+mass = "40 kg"
+centre = [0.1, 0.05, 0.1]
+[bodies.head]
+mass = "20 kg"
+centre = [0.2, 0.1, 0.2]
+[joints.way]
+between = [{ends}]
+type = "prismatic"
+at = [0.02, 0, 0.05]
+axis = [1, 0.2, 0.1]
+drive = {{ stiffness = 2e7 }}
+carried_by = "{carrier}"
+compliance = {{ radial = "0.02 um/N", tilting = "1 urad/(N*m)" }}
+[joints.up]
+between = ["table", "head"]
+type = "prismatic"
+at = [0.1, 0, 0.1]
+axis = [0.1, 0, 1]
+drive = {{ stiffness = 2e7 }}
+compliance = {{ radial = "0.02 um/N", tilting = "1 urad/(N*m)" }}
+[tool]
+body = "head"
+at = [0.25, 0.1, 0.3]
+pose = ["x", "z"]
+[poses]
+home = [0.25, 0.3]
+far = [0.65, 0.4]
+"""
+"""Two guides across each other, the first carried by either body."""
 
 
 def machine(name="biglide", *overrides, components=None):

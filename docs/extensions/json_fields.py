@@ -990,7 +990,12 @@ ANSWERS: dict[str, tuple[list[str], dict[str, tuple[str, str]]]] = {
             ),
             "gap.unit": ("unit of the gap", ""),
             "gap.absolute.*": (
-                "by kind of reading: `unit` and rms `before`, `after`, `held_out` and `noise`",
+                (
+                    "by kind of reading: `unit` and rms `before`, `after`, `held_out` and "
+                    "`noise`; `response`: level of responses, dB; `frequency` and "
+                    "`frequency_relative`: of their modes, with `mode ` before the name "
+                    "beside readings of frequencies"
+                ),
                 "`unit`",
             ),
             "effects[].effect": ("name of an identified effect", ""),

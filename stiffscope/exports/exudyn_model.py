@@ -132,6 +132,7 @@ def _mount(first: str, second: str, at: Array, change: Change) -> dict[str, Any]
         "driven": None,
         "between": [first, second],
         "at": at,
+        "bearer": second,
         "axes": np.eye(3),
         "compliance": _NONE if change.compliance is None else change.compliance,
         "drive": None,
@@ -174,6 +175,7 @@ def _tabulate_joint(element: Element, ends: list[str]) -> dict[str, Any]:
         "driven": joint.type.driven,
         "between": ends,
         "at": element.at,
+        "bearer": ends[0] if joint.is_on_first else ends[1],
         "axes": element.axes,
         "compliance": bearing,
         "drive": None if joint.drive is None else joint.drive.unloaded_stiffness,
@@ -251,9 +253,9 @@ tool's small displacement under the robot's weight and lacks of fit, drives held
 A compliance is that of a body's later ends, its first clamped, in its axes at these ends, or of a
 joint's second side in the joint's axes. A pose moves each body from home by x = R x_home + p
 ("turned": rotation vector of R, "moved": p). An "offset" is the twist of an element's unloaded
-second end. "free": a joint's free motions among x y z rx ry rz along its axes, numbered from 0; the
-second of a joint with "axis2" is about that axis of its second body. "idle": axes of motions that
-nothing resists; a weak spring holds them.
+second end. A joint's "at" at home moves with its "bearer". "free": a joint's free motions among x
+y z rx ry rz along its axes, numbered from 0; the second of a joint with "axis2" is about that axis
+of its second body. "idle": axes of motions that nothing resists; a weak spring holds them.
 """
 
 {imports}

@@ -371,7 +371,7 @@ class Robot:
             else:
                 free.append(motion)
         columns = np.array(free).T.reshape(6, -1)
-        place = self.at(second, joint["at"])
+        place = self.at(joint["bearer"], joint["at"])
         start = self.shifted(name, first, place, axes)
         end = (second, place, axes)
         self.connect(name, start, end, compliance, columns)
@@ -558,11 +558,13 @@ class Robot:
 
     def frequencies(self, count: int = 6) -> Any:
         """Return the lowest natural frequencies above zero, Hz, about the unloaded pose."""
-        mass, stiffness, _, constraints, *_ = self.mbs.ComputeLinearizedSystem(
+        mass, stiffness, _, *held = self.mbs.ComputeLinearizedSystem(
             self.settings(), returnConstraintJacobian=True
         )
         mass = np.array(mass)
-        basis = null_space(np.array(constraints).reshape(len(mass), -1).T)
+        basis = np.eye(len(mass))
+        if held:  # nothing where all joints yield in all directions
+            basis = null_space(np.array(held[0]).reshape(len(mass), -1).T)
         mass = basis.T @ mass @ basis
         stiffness = basis.T @ np.array(stiffness) @ basis
         stiffness = 0.5 * (stiffness + stiffness.T)

@@ -349,8 +349,10 @@ def _add_joint(
         writer.places[name] = entered, place
         return
     # A bearing has the axes of the first body and its place on the second: it slides, but
-    # does not turn, with the joint.
-    before, after = ("P", "RS") if branch.forward else ("RS", "P")
+    # does not turn, with the joint. On the first body it does neither.
+    before, after = ("", "PRS") if joint.is_on_first else ("P", "RS")
+    if not branch.forward:
+        before, after = after, before
     if any(kind in before for kind, _ in joint.motions):
         middle, place = _add_body(writer, f"{joint.name}:between", parent, frame)
         moves(body=middle, place=place, kinds=before)

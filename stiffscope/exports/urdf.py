@@ -322,6 +322,7 @@ def _joint_facts(joint: Joint) -> dict[str, Any]:
         turn = np.kron(np.eye(2), joint.axes)
         out["bearing"] = {
             "at": joint.at,
+            "carried_by": joint.carried_by,
             "compliance": turn @ joint.compliance @ turn.T,
         }
     return out

@@ -10,7 +10,7 @@ D. J. Ewins, Modal Testing, 2nd ed., Research Studies Press 2000, sect. 4.3, 5.4
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +19,7 @@ from scipy.optimize import linear_sum_assignment
 from stiffscope.gap.campaign.response_lines import find_peaks
 from stiffscope.gap.forward.joint_model import JointModel
 from stiffscope.gap.inference.diagnosis import ResponseModes, SetupModes
-from stiffscope.gap.inference.residuals import AbsoluteGap
+from stiffscope.gap.inference.residuals import AbsoluteGap, split_by_kind
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -27,7 +27,8 @@ if TYPE_CHECKING:
     from stiffscope.gap.forward.response_state import ResponseState
     from stiffscope.gap.inference.findings import Findings
     from stiffscope.gap.inference.hypothesis import Hypothesis
-    from stiffscope.runtime.types import Array, Complex
+    from stiffscope.responses.model import Response
+    from stiffscope.runtime.types import Array, Complex, Flags
 
 _FAR = 2.0  # ratio of frequencies of modes that are not paired
 _DECIBEL = 20.0 / np.log(10.0)
@@ -47,6 +48,8 @@ def describe_responses(
 ) -> tuple[dict[str, SetupModes], dict[str, AbsoluteGap]]:
     """Return the modes of each set-up, and the absolute gaps of lines (dB) and modes (Hz).
 
+    Beside readings of frequencies, which have the gap "frequency", that of modes is "mode frequency".
+
     Parameters
     ----------
     found
@@ -57,60 +60,114 @@ def describe_responses(
     model = found.model
     if not isinstance(model, JointModel):
         return {}, {}
-    setups = dict[str, SetupModes]()
-    levels = list[_Levels]()
+    blocks: dict[str, list[tuple[ResponseState, ResponseState]]] = {}
     pairs = zip(
         model.predict().states, model.predict(reported.parameters).states, strict=True
     )
     for before, after in pairs:
         name = before.block.measured.setup.name
-        own = _compare_levels(before, after)
-        levels.append(own)
-        rows = tuple(_pair_modes(before, after))
-        known = setups.get(name)
-        sizes = _rms(own.before), _rms(own.after), _rms(own.noise)
-        if known is None:
-            setups[name] = SetupModes(rows, *sizes)
-    return setups, _find_gaps(levels, setups)
+        blocks.setdefault(name, []).append((before, after))
+    setups = dict[str, SetupModes]()
+    levels = list[_Levels]()
+    for name, states in blocks.items():
+        own = [_compare_levels(before, after) for before, after in states]
+        levels += own
+        before, after = zip(*states, strict=True)
+        setups[name] = SetupModes(tuple(_pair_modes(before, after)), *_sizes(own))
+    beside = "mode " if "frequency" in split_by_kind(found.campaign) else ""
+    return setups, _find_gaps(levels, setups, f"{beside}frequency")
 
 
 def _compare_levels(before: ResponseState, after: ResponseState) -> _Levels:
-    """Return differences of levels at the lines that are more than noise."""
+    """Return differences of levels at the lines that are more than noise.
+
+    A predicted level is at least that of the noise, as at nodes of modes, where it is zero.
+    """
     block = before.block
     size = np.abs(block.value)
     heard = size > 2.0 * block.sigma
     level = np.log(np.where(heard, size, 1.0))
-    first, last = (
-        _DECIBEL * (np.log(np.abs(block.read(state.lines)[heard])) - level[heard])
+    predicted = (
+        np.maximum(np.abs(block.read(state.lines)), block.sigma)
         for state in (before, after)
     )
+    first, last = (_DECIBEL * (np.log(each) - level)[heard] for each in predicted)
     noise = _DECIBEL * (block.sigma / np.where(heard, size, 1.0))[heard]
     return _Levels(first, last, noise)
 
 
-def _pair_modes(before: ResponseState, after: ResponseState) -> Iterator[ResponseModes]:
-    """Yield the measured modes with the computed ones of the same shape."""
-    responses = before.block.measured.responses
-    peaks = find_peaks(responses)
-    hertz = responses[0].frequency[peaks]
-    shapes = np.array([response.receptance[peaks] for response in responses])
-    sides = [_match(hertz, shapes, state) for state in (before, after)]
+def _pair_modes(
+    before: Sequence[ResponseState], after: Sequence[ResponseState]
+) -> Iterator[ResponseModes]:
+    """Yield the measured modes of all blocks of a set-up with the computed ones of the same shape."""
+    responses = [each for state in before for each in state.block.measured.responses]
+    spread, measured = _spread_lines(responses)
+    peaks = find_peaks(spread)
+    hertz = spread[0].frequency[peaks]
+    shapes = np.array([response.receptance[peaks] for response in spread])
+    heard = measured[:, peaks]
+    sides = [_match(hertz, shapes, heard, states) for states in (before, after)]
     for k, frequency in enumerate(hertz.tolist()):
         (first, mac_before, _), (last, mac_after, ratio) = (side[k] for side in sides)
         yield ResponseModes(frequency, first, last, ratio, mac_before, mac_after)
 
 
+def _spread_lines(responses: Sequence[Response]) -> tuple[list[Response], Flags]:
+    """Return responses at the lines (f,) of all of them, and where each was measured (r, f).
+
+    Between its own lines a response is interpolated, beyond them it is zero.
+    """
+    hertz = np.unique(np.concatenate([each.frequency for each in responses]))
+    measured = np.array(
+        [
+            (hertz >= each.frequency[0]) & (hertz <= each.frequency[-1])
+            for each in responses
+        ]
+    )
+    pairs = zip(responses, measured, strict=True)
+    return [_spread(each, hertz, inside) for each, inside in pairs], measured
+
+
+def _spread(response: Response, hertz: Array, inside: Flags) -> Response:
+    """Return a response at other lines (f,), zero where they are not inside its own."""
+    own = response.frequency
+    values = np.where(inside, np.interp(hertz, own, response.receptance), 0.0)
+    coherence = response.coherence
+    if coherence is not None:
+        coherence = np.interp(hertz, own, coherence)
+    return replace(response, frequency=hertz, receptance=values, coherence=coherence)
+
+
+def _find_ratios(states: Sequence[ResponseState]) -> Array:
+    """Return the damping ratio (c,) of each mode, from the block whose lines show it."""
+    ratios = states[0].damping.copy()
+    for state in states[1:]:
+        lines = state.block.frequency
+        own = state.frequencies
+        inside = (own >= lines[0]) & (own <= lines[-1])
+        ratios[inside] = state.damping[inside]
+    return ratios
+
+
 def _match(
-    hertz: Array, shapes: Complex, state: ResponseState
+    hertz: Array, shapes: Complex, heard: Flags, states: Sequence[ResponseState]
 ) -> list[tuple[float, float, float]]:
-    """Return frequency, MAC and damping ratio of the computed mode of each measured one; NaN if none."""
-    force, motion = state.pairs.T
-    inside = np.isfinite(state.frequencies)
-    parts = (state.ports[force] * state.ports[motion])[:, inside]
-    own = state.frequencies[inside]
-    ratios = state.damping[inside]
+    """Return frequency, MAC and damping ratio of the computed mode of each measured one; NaN if none.
+
+    Shapes (r, k) are compared where they were measured, ``heard`` (r, k).
+    """
+    modes = states[0].frequencies
+    inside = np.isfinite(modes)
+    products = [
+        state.ports[force] * state.ports[motion]
+        for state in states
+        for force, motion in [state.pairs.T]
+    ]
+    parts = np.concatenate(products)[:, inside]
+    own = modes[inside]
+    ratios = _find_ratios(states)[inside]
     product = np.abs(shapes.conj().T @ parts) ** 2
-    size = np.sum(np.abs(shapes) ** 2, axis=0)[:, None] * np.sum(parts**2, axis=0)
+    size = np.sum(np.abs(shapes) ** 2, axis=0)[:, None] * (heard.T @ parts**2)
     mac = np.divide(product, size, out=np.zeros_like(product), where=size > 0.0)
     apart = np.abs(np.log(own.clip(min=1e-300) / hertz[:, None]))
     mac = np.where(apart <= np.log(_FAR), mac, 0.0)
@@ -128,16 +185,21 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
 
 
-def _find_gaps(
-    levels: Sequence[_Levels], setups: dict[str, SetupModes]
-) -> dict[str, AbsoluteGap]:
-    """Return the gaps of lines in dB, and of modes in Hz and relative."""
-    nan = float("nan")
-    joined = [
+def _sizes(levels: Sequence[_Levels]) -> list[float]:
+    """Return the rms of differences before, after, and by noise."""
+    return [
         _rms(np.concatenate([getattr(each, side) for each in levels]))
         for side in ("before", "after", "noise")
     ]
-    out = {"response": AbsoluteGap("dB", joined[0], joined[1], nan, joined[2])}
+
+
+def _find_gaps(
+    levels: Sequence[_Levels], setups: dict[str, SetupModes], name: str
+) -> dict[str, AbsoluteGap]:
+    """Return the gaps of lines in dB, and of modes, by this name, in Hz and relative."""
+    nan = float("nan")
+    before, after, noise = _sizes(levels)
+    out = {"response": AbsoluteGap("dB", before, after, nan, noise)}
     rows = [
         (mode.measured, mode.before, mode.after)
         for setup in setups.values()
@@ -148,6 +210,6 @@ def _find_gaps(
         measured, before, after = np.array(rows).T
         sizes = _rms(before - measured), _rms(after - measured)
         shares = _rms(before / measured - 1.0), _rms(after / measured - 1.0)
-        out["frequency"] = AbsoluteGap("Hz", *sizes, nan, nan)
-        out["frequency_relative"] = AbsoluteGap("1", *shares, nan, nan)
+        out[name] = AbsoluteGap("Hz", *sizes, nan, nan)
+        out[f"{name}_relative"] = AbsoluteGap("1", *shares, nan, nan)
     return out

@@ -133,6 +133,11 @@ def joint_state(
         around = error[:, None] * normal
         row = np.concatenate([np.zeros((n, 3)), normal], axis=1)
         held = np.concatenate([held, row[:, None]], axis=1)
+    if joint.slides_in_first:
+        # the second body's point that has slid into the bearing: tilted back about its own
+        point = frames.point(first, joint.at_first)
+        apart = (turn(-around) @ apart[..., None])[..., 0]
+        displacement = apart[:, 0]
     misfit = np.concatenate([apart, around], axis=1)
     if joint.drive is not None:
         misfit[:, DRIVEN[joint.kind]] = displacement - commanded

@@ -109,8 +109,13 @@ class FaultyRobot(Robot):
                 slid[0] = commanded
         axes = turns[0] @ real.axes
         place = frames.point(ends[0], real.at_first)[0]
+        there = frames.point(ends[1], real.at_second)[0]
+        # the spring acts where its bearing is: the other body's point has slid there
+        if joint.slides_in_first:
+            there = there - axes @ slid
+        else:
+            place = place + axes @ slid
         start = (first, place, axes)
-        there = frames.point(ends[1], real.at_second)[0] - axes @ slid
         end = (second, there, turns[1] @ real.axes @ relative.T)
         slots = [slot for slot in self.machine.slots if slot.element == name]
         self.connect(name, start, end, *self._yielding(joint, axes, turns[1], slots))
@@ -390,6 +395,7 @@ def _mount(
         "driven": None,
         "between": [first, second],
         "at": np.zeros(3) if at is None else at,
+        "bearer": second,
         "axes": np.eye(3),
         "compliance": compliance,
         "drive": None,

@@ -122,6 +122,13 @@ class Joint:
     """Whether its file gives an axis; without one, all held directions are equally compliant."""
     astray: Array = field(default_factory=lambda: _zeros(6))
     """Twist of its real axis from the drawn one, own axes and point; bodies as drawn at home."""
+    carried_by: str = "second"
+    """The body that its bearing stays on while it slides: the first or the second."""
+
+    @property
+    def slides_in_first(self) -> bool:
+        """Whether the second body slides through a bearing on the first."""
+        return self.carried_by == "first" and any(i < 3 for i in FREE[self.kind])
 
     @property
     def real_joint(self) -> Joint:
@@ -398,6 +405,7 @@ def _joint(robot: RobotFile, name: str, section: JointSection) -> Joint:
         getattr(section, "spring", None) or 0.0,
         getattr(section, "rest", 0.0),
         axis is not None,
+        carried_by=section.carried_by,
     )
 
 

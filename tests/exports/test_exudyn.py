@@ -74,6 +74,23 @@ def test_a_robot_with_rigid_loops_and_idle_struts_does_too():
     assert_alike(*of_file(ROBOTS / "linear-delta.toml"))
 
 
+def test_a_guide_yields_in_exudyn_where_its_first_body_carries_it():
+    way = Joint(
+        "way",
+        "ground",
+        "table",
+        "prismatic",
+        [0.02, 0, 0.05],
+        [1, 0.2, 0.1],
+        drive=Drive(2e7),
+        compliance=np.diag([0.0, 2e-8, 1e-8, 1e-6, 2e-6, 3e-6]),
+        carried_by="first",
+    )
+    table = Body("table", 40.0, np.array([0.1, 0.05, 0.1]), np.eye(3))
+    m = Mechanism((table,), (way,), Tool("table", [0.25, 0.1, 0.3], ("x",)), DOWN)
+    assert_alike(m, configure(m, [[0.25], [0.65]]))
+
+
 def bracket():
     """A wheel that turns on a three-armed bracket, each arm another stiffness."""
     places = np.array([[0.0, 0.0, 0.0], [0.4, 0.0, 0.0], [0.0, 0.3, 0.1]])

@@ -107,11 +107,14 @@ def test_robots_of_rigid_and_massless_struts_do_too(name, tmp_path):
     check(tmp_path, order(load_robot(FILES / f"{name}.toml")))
 
 
-def test_a_guide_yields_where_its_carriage_stands(tmp_path):
+@pytest.mark.parametrize("ends", ['"ground", "arm"', '"arm", "ground"'])
+@pytest.mark.parametrize("carrier", ["first", "second"])
+def test_a_guide_yields_where_its_carriage_stands(tmp_path, ends, carrier):
     text = ARM.format(drive='drive = { stiffness = "50 N/um" }')
     text = text.replace("revolute", "prismatic").replace("[0, 1, 0]", "[0, 0, 1]")
     guide = 'compliance = { radial = "0.02 um/N", tilting = "10 urad/(N*m)" }'
-    text = text.replace("[tool]", f"{guide}\n[tool]")
+    text = text.replace("[tool]", f'{guide}\ncarried_by = "{carrier}"\n[tool]')
+    text = text.replace('"ground", "arm"', ends)
     path = tmp_path / "slide.toml"
     path.write_text(text.replace("home = [0]", 'home = [0]\nup = ["300 mm"]'))
     check(tmp_path, order(load_robot(path)))

@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,11 +13,13 @@ from stiffscope.lab.blind.cases import BlindCase, Fault
 from stiffscope.lab.blind.check import Task, solve
 from stiffscope.lab.blind.drawing import prepare_case
 from stiffscope.lab.blind.laboratory import Lab, blind_robots
+from stiffscope.lab.closure import locate
 from stiffscope.lab.faults import inject
-from stiffscope.lab.machine import NoEquilibriumError
-from stiffscope.lab.measuring import true_readings
-from stiffscope.robot.reader import load_robot
+from stiffscope.lab.machine import NoEquilibriumError, machine_of
+from stiffscope.lab.measuring import Plan, true_readings
+from stiffscope.robot.reader import load_robot, read_robot
 from stiffscope.runtime.workshop import workshop
+from tests.labs import GUIDES
 
 pytest.importorskip("exudyn")
 
@@ -65,6 +68,20 @@ def test_exudyn_s_machine_reads_as_ours_but_for_finite_displacements(lab, name):
         size = np.abs(own.value[some]).max()
         # a few hundred micrometres of deflection turn the machine by 1e-3
         assert np.abs(own.value - other.value)[some].max() < 1e-2 * size
+
+
+@pytest.mark.parametrize("carrier", ["first", "second"])
+def test_a_guide_yields_in_exudyn_where_a_body_carries_it(carrier):
+    text = GUIDES.format(ends='"ground", "table"', carrier=carrier)
+    robot = read_robot(Path("guides.toml"), text)
+    sound = machine_of(robot, {})
+    poses = np.array(list(robot.poses.values()))
+    wrench = np.array([30.0, 20, -50, 3, 4, 5])
+    plan = Plan(poses, (("", wrench),), deviations=True)
+    located = locate(sound, poses)
+    own = true_readings(sound, plan, located).value
+    other = true_readings(sound, plan, located, mechanics="exudyn").value
+    assert np.abs(own - other).max() < 1e-3 * np.abs(own).max()
 
 
 def test_a_sound_machine_of_exudyn_has_no_gap(lab):

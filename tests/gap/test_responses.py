@@ -17,6 +17,7 @@ from stiffscope.gap.diagnose import forward_model
 from stiffscope.gap.forward.response_doubts import find_channel_doubts
 from stiffscope.gap.forward.response_model import predict_responses
 from stiffscope.gap.inference.lack_of_fit import misses_lines
+from stiffscope.gap.response_modes import describe_responses
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.model.bodies import Body
@@ -173,6 +174,64 @@ def test_a_channel_that_is_zero_everywhere_is_left_out_and_named(tmp_path):
     assert "3:+x to 3:-y is zero at every line" in remark
     with pytest.raises(InputError, match="expected lines other than zero"):
         _ = model_of(write_lines(tmp_path, [0.0] * 3, [0.0] * 3)).campaign
+
+
+def describe(model, change=lambda measured: measured):
+    """Modes by set-up and absolute gaps of a model's responses, which may be changed."""
+    model = replace(model, responses=tuple(map(change, model.responses)))
+    found = SimpleNamespace(model=model, campaign=model.campaign)
+    return describe_responses(found, SimpleNamespace(parameters=()))
+
+
+def test_the_gap_of_modes_stands_beside_that_of_read_frequencies(tmp_path):
+    _, alone = describe(model_of(HAMMER))
+    assert set(alone) == {"response", "frequency", "frequency_relative"}
+    shutil.copytree(HAMMER, tmp_path / "hammer")
+    header = (HAMMER / "campaign.toml").read_text()
+    read = 'readings = "read.csv"\nrobot ='
+    (tmp_path / "hammer" / "campaign.toml").write_text(header.replace("robot =", read))
+    rows = "pose,quantity,value,sigma\nQ1,f1,60,0.5\n"
+    (tmp_path / "hammer" / "read.csv").write_text(rows)
+    _, both = describe(model_of(tmp_path / "hammer"))
+    names = {"response", "mode frequency", "mode frequency_relative"}
+    assert set(both) == names
+    assert both["mode frequency"].before == alone["frequency"].before > 0.0
+
+
+def test_a_line_predicted_as_zero_has_the_level_of_the_noise(tmp_path):
+    model = model_of(write(tmp_path, {"3:-y": "3:+z"}))  # hardly moves out of the plane
+    assert np.abs(model.predict().states[0].lines[0]).max() < 1e-14
+    (block,) = model.blocks
+    most = 20.0 * np.log10(np.abs(block.value / block.sigma).max())
+    modes, gaps = describe(model)
+    assert modes["tap"].before == gaps["response"].before
+    assert 10.0 < gaps["response"].before <= most < 60.0
+
+
+def test_modes_are_paired_over_all_lines_of_a_set_up():
+    def thin(measured):
+        """The same responses, but some of them with every second line."""
+        coarse = [halve(each) for each in measured.responses[:2]]
+        return replace(measured, responses=(*coarse, *measured.responses[2:]))
+
+    def halve(response):
+        return replace(
+            response,
+            frequency=response.frequency[::2],
+            receptance=response.receptance[::2],
+            coherence=response.coherence[::2],
+        )
+
+    model = model_of(HAMMER)
+    whole = describe(model)[0]["tap"].modes
+    mixed = describe(model, thin)[0]["tap"].modes
+    assert len(mixed) == len(whole) > 0
+    for known, other in zip(whole, mixed, strict=True):
+        assert other.measured == pytest.approx(known.measured, rel=0.01)
+        assert other.before == pytest.approx(known.before, nan_ok=True)
+        assert other.mac_before == pytest.approx(
+            known.mac_before, abs=0.05, nan_ok=True
+        )
 
 
 def test_lines_left_beyond_their_noise_are_a_reason():

@@ -26,6 +26,7 @@ from stiffscope.vjm.statics import analysis as statics
 from tests.labs import (
     ARM,
     FEA_SLIDER,
+    GUIDES,
     LINKS,
     PLACES,
     biglide,
@@ -159,6 +160,25 @@ def test_stiffness_and_sag_are_those_of_the_mechanism_engine(name):
         np.abs(stiffness(sound, poses) - k) < 1e-8 * size[:, :, None] * size[:, None, :]
     ).all()
     assert np.abs(sag(sound, poses) - w).max() < 1e-8 * np.abs(w).max()
+
+
+@pytest.mark.parametrize("ends", ['"ground", "table"', '"table", "ground"'])
+@pytest.mark.parametrize("carrier", ["first", "second"])
+def test_a_guide_yields_in_the_lab_where_a_body_carries_it(ends, carrier):
+    """As in the engine, which takes another way: compliances of the sound machine, and its sag."""
+    robot = read_robot(Path("guides.toml"), GUIDES.format(ends=ends, carrier=carrier))
+    sound = machine_of(robot, {})
+    mechanism = mechanism_of(robot, {})
+    poses = np.array(list(robot.poses.values()))
+    weight = statics.sag(mechanism, poses)
+    assert sag(sound, poses) == pytest.approx(weight, rel=1e-8, abs=1e-15)
+    loads = np.diag([30.0, 30, 30, 3, 3, 3])
+    plan = loaded(poses, *loads, deviations=False)
+    got = true_readings(sound, plan, locate(sound, poses)).value
+    expected = statics.compliance(mechanism, poses) @ loads
+    assert got.reshape(2, 6, 6) == pytest.approx(
+        expected.swapaxes(1, 2), rel=1e-8, abs=1e-14
+    )
 
 
 def test_a_load_on_a_body_without_mass_is_placed_from_the_middle_of_its_joints():

@@ -178,28 +178,6 @@ def add_point_mass(system: Coordinates, point: PointMass) -> None:
     system.add_inertia({point.node: velocity}, np.sqrt(point.mass) * np.eye(6)[:3])
 
 
-@dataclass(frozen=True, eq=False)
-class PointSpring:
-    """A spring from the ground to a node at the home point ``at`` (3,), m.
-
-    ``stiffness`` (6, 6) in base axes, N/m and N·m/rad, positive semidefinite.
-    """
-
-    node: str
-    at: Array
-    stiffness: Array
-
-
-def add_point_spring(system: Coordinates, spring: PointSpring) -> None:
-    """Add the strain energy of a spring to the ground. InputError if its node is unknown."""
-    _check_node(system, spring.node)
-    where = system.where
-    carry = shift(where.point(spring.node, np.asarray(spring.at)) - where.tool)
-    factor = factor_semidefinite(spring.stiffness, f"a spring at {spring.node}")
-    strained = system.twists[spring.node].after(factor @ carry)
-    system.strains.setdefault(f"<spring at {spring.node}>", []).append(strained)
-
-
 def _check_node(system: Coordinates, node: str) -> None:
     if node not in system.twists:
         known = ", ".join(system.twists)

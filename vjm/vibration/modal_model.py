@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from stiffscope.vjm.vibration.coordinates import (
         Coordinates,
         PointMass,
-        PointSpring,
     )
     from stiffscope.vjm.vibration.pencil import Drives
 
@@ -149,7 +148,6 @@ def solve_all_modes(
     *,
     drives: Drives = "held",
     masses: Sequence[PointMass] = (),
-    springs: Sequence[PointSpring] = (),
 ) -> ModalModel:
     """Return all modes of a mechanism at the first of some configurations.
 
@@ -161,12 +159,10 @@ def solve_all_modes(
         Configuration.
     drives
         Drives are springs ("held") or move freely ("free").
-    masses, springs
-        Added to bodies, such as those of sensors and hoses.
+    masses
+        Added to bodies, such as those of sensors.
     """
-    ((pencil, _),) = form_pencils(
-        mechanism, found.require_valid()[:1], drives, masses, springs
-    )
+    ((pencil, _),) = form_pencils(mechanism, found.require_valid()[:1], drives, masses)
     unit = pencil.scale[:, None]
     full = pencil.basis[0] @ (unit * pencil.all_vectors()[1])
     mass = sum_squares(pencil.system.inertias, full[None])[0]

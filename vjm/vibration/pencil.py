@@ -18,7 +18,6 @@ from stiffscope.vjm.model.subspaces import RANK
 from stiffscope.vjm.network.network import place_nodes
 from stiffscope.vjm.vibration.coordinates import (
     add_point_mass,
-    add_point_spring,
     form_coordinates,
 )
 
@@ -33,7 +32,6 @@ if TYPE_CHECKING:
     from stiffscope.vjm.vibration.coordinates import (
         Coordinates,
         PointMass,
-        PointSpring,
     )
 
 Drives = Literal["held", "free"]
@@ -101,7 +99,6 @@ def form_pencils(
     found: Configurations,
     drives: Drives = "held",
     masses: Sequence[PointMass] = (),
-    springs: Sequence[PointSpring] = (),
 ) -> Iterator[tuple[Pencil, NDArray[np.intp]]]:
     """Yield pencils of reachable configurations, each with the indices of its configurations.
 
@@ -115,8 +112,6 @@ def form_pencils(
         Drives are springs ("held") or move freely ("free").
     masses
         Added to bodies, such as those of accelerometers.
-    springs
-        From the ground to bodies.
     """
     check_word("drives", drives, get_args(Drives))
     free = [j.name for j in mechanism.drives] if drives == "free" else []
@@ -128,8 +123,6 @@ def form_pencils(
     system = form_coordinates(shaken, place_nodes(found), found.linkage.length, free)
     for mass in masses:
         add_point_mass(system, mass)
-    for spring in springs:
-        add_point_spring(system, spring)
     stiffness = system.stiffness
     mass = system.mass
     everything = np.arange(len(found))

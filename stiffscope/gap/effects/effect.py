@@ -209,8 +209,6 @@ class Payload:
     mass: float
     moments: Array
     force: Array = field(default_factory=lambda: np.zeros(3))
-    inertia: Array | None = None
-    """Further moments of inertia (3, 3) of the body about its centre, kg·m²; None: none."""
 
 
 class Knee(NamedTuple):
@@ -288,8 +286,6 @@ class Influence:
     """Pairs of exchanged columns."""
     sensor_masses: Mapping[str, float] = field(default_factory=dict[str, float])
     """Further mass, kg, of what is screwed to points of responses, by point."""
-    springs: Mapping[str, Array] = field(default_factory=dict[str, Any])
-    """Stiffness (6, 6) of springs from the ground to bodies, at home points of their own."""
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.gap.effects.effect import Payload
-from stiffscope.gap.forward.response_state import ResponseState
+from stiffscope.gap.forward.response_state import MassRate, ResponseState
 from stiffscope.gap.forward.robot_prediction import Pattern
-from stiffscope.vjm.vibration.coordinates import PointMass, PointSpring
+from stiffscope.vjm.vibration.coordinates import PointMass
 
 if TYPE_CHECKING:
     from stiffscope.gap.campaign.campaign import Campaign
@@ -49,12 +48,6 @@ class JointPrediction:
         for influence in influences:
             for name, mass in influence.sensor_masses.items():
                 extra[name] = extra.get(name, 0.0) + mass
-        springs = tuple(
-            PointSpring(body, find_anchor(self.readings, body), stiffness)
-            for influence in influences
-            for body, stiffness in influence.springs.items()
-            if stiffness.any()
-        )
         mechanism = elastic.loaded_mechanism
         states = list[ResponseState]()
         for block in self.blocks:
@@ -65,7 +58,7 @@ class JointPrediction:
                 for mass in [(point.mass or 0.0) + extra.get(point.name, 0.0)]
                 if mass > 0.0
             ]
-            states.append(ResponseState(block, mechanism, tuple(masses), springs))
+            states.append(ResponseState(block, mechanism, tuple(masses)))
         return tuple(states)
 
     @property
@@ -132,17 +125,9 @@ class JointPrediction:
             if rates.any():
                 at = measured.places[point.name]
                 heavier = [
-                    Payload(point.body, at, float(rate), np.zeros(3)) for rate in rates
+                    MassRate(point.body, at, float(rate), np.zeros(3)) for rate in rates
                 ]
                 out = out + state.load(heavier, count)
-        for body in dict.fromkeys(body for step in steps for body in step[0].springs):
-            rates = np.array(
-                [
-                    (ahead.springs[body] - behind.springs[body]) / width
-                    for ahead, behind, width in steps
-                ]
-            )
-            out = out + state.pull(body, find_anchor(self.readings, body), rates)
         return state.derive(out)
 
     @cached_property
@@ -158,34 +143,14 @@ class JointPrediction:
         return np.concatenate([read, lines])
 
 
-def _find_payloads(step: Step) -> list[Payload]:
+def _find_payloads(step: Step) -> list[MassRate]:
     """Return the derivative of the payloads by a parameter."""
     (ahead, behind, width) = step
-    out = list[Payload]()
-    for more, less in zip(ahead.payloads, behind.payloads, strict=True):
-        mass = (more.mass - less.mass) / width
-        moments = (more.moments - less.moments) / width
-        inertia = None
-        if more.inertia is not None and less.inertia is not None:
-            inertia = (more.inertia - less.inertia) / width
-        out.append(Payload(more.body, more.at, mass, moments, inertia=inertia))
-    return out
+    pairs = zip(ahead.payloads, behind.payloads, strict=True)
+    return [MassRate.between(more, less, width) for more, less in pairs]
 
 
 def _find_mass_rate(step: Step, point: str) -> float:
     (ahead, behind, width) = step
     more, less = (each.sensor_masses.get(point, 0.0) for each in (ahead, behind))
     return (more - less) / width
-
-
-def find_anchor(readings: RobotPrediction, body: str) -> Array:
-    """Return the home point (3,) at which a spring acts on a body: its centre, or M."""
-    mechanism = readings.at.mechanism
-    if mechanism.tool.body == body:
-        return mechanism.tool.at
-    for each in mechanism.bodies:
-        if each.name == body and each.centre is not None:
-            return each.centre
-        if each.elastic is not None and body in each.nodes:
-            return each.elastic.places[each.nodes.index(body)]
-    return np.zeros(3)

@@ -1,8 +1,8 @@
 """A robot with effects as it was hit: lines of one block of responses, and their derivatives.
 
 Between ports i and j the receptance is ``H = Σ φ_i φ_j g`` with ``g = 1/(k + s² m + 2 ζ s √(k m))``
-of each mode. A change δC of an element's compliance, δM of a mass or δK of a spring at a node
-changes it by
+of each mode. A change δC of an element's compliance, δM of a mass at a node or δK of a joint's
+spring changes it by
 
     δH = W_i · δC W_j - u_i · (s² δM + δK) u_j,
 
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array, Complex, Flags, Indices
     from stiffscope.vjm.model.mechanism import Mechanism
     from stiffscope.vjm.network.loading import Response as StaticResponse
-    from stiffscope.vjm.vibration.coordinates import PointMass, PointSpring
+    from stiffscope.vjm.vibration.coordinates import PointMass
     from stiffscope.vjm.vibration.modal_model import ModalModel
 
 
@@ -136,6 +136,42 @@ def _leave_gain(gain: Complex, change: Complex) -> Complex:
 
 
 @dataclass(frozen=True, eq=False)
+class MassRate:
+    """Derivative of a body's inertia by a parameter, about the home point ``at`` (3,).
+
+    Attributes
+    ----------
+    mass, moments, inertia
+        Rates of mass, first moments (3,) and moments of inertia (3, 3), home axes.
+    """
+
+    body: str
+    at: Array
+    mass: float
+    moments: Array
+    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
+
+    @classmethod
+    def between(cls, more: Payload, less: Payload, width: float) -> MassRate:
+        """Return the rate between the payloads of two values that are ``width`` apart."""
+        return cls(
+            body=more.body,
+            at=more.at,
+            mass=(more.mass - less.mass) / width,
+            moments=(more.moments - less.moments) / width,
+            inertia=(_find_inertia(more) - _find_inertia(less)) / width,
+        )
+
+
+def _find_inertia(payload: Payload) -> Array:
+    """Return the inertia (3, 3) of a payload about its point: ``(|h|² 1 - h hᵀ) / m``."""
+    h = payload.moments
+    if not payload.mass:
+        return np.zeros((3, 3))
+    return (h @ h * np.eye(3) - np.outer(h, h)) / payload.mass
+
+
+@dataclass(frozen=True, eq=False)
 class ResponseState:
     """One block of responses of a robot with changed elements and masses; all lazy and cached.
 
@@ -145,14 +181,13 @@ class ResponseState:
         What was measured.
     mechanism
         The robot with its changes.
-    masses, springs
+    masses
         On it, besides the sensors' stated masses.
     """
 
     block: ResponseBlock
     mechanism: Mechanism
     masses: tuple[PointMass, ...] = ()
-    springs: tuple[PointSpring, ...] = ()
     settings: NuisanceSettings = SETTINGS
     _twists: dict[Any, Array] = field(default_factory=dict[Any, Any])
     _fields: dict[Any, Any] = field(default_factory=dict[Any, Any])
@@ -166,7 +201,6 @@ class ResponseState:
             measured.configuration,
             drives=measured.setup.drives,
             masses=self.masses,
-            springs=self.springs,
         )
 
     @cached_property
@@ -387,13 +421,12 @@ class ResponseState:
 
     @cached_property
     def _static(self) -> StaticResponse:
-        """Response to unit forces at the ports, the inertial loads, and wrenches at springs."""
+        """Response to unit forces at the ports, and the inertial loads."""
         measured = self.block.measured
         points = [
             (measured.point(end.point).body, measured.places[end.point], along[:, None])
             for end, along in zip(self.ends, self.directions, strict=True)
         ]
-        points += [(each.node, each.at, np.eye(6)) for each in self.springs]
         return self.modal.solve_static(points, self._moving)
 
     def _carry(self, static: Array) -> Complex:
@@ -406,10 +439,6 @@ class ResponseState:
         inertial = static[:, static.shape[1] - len(moving) :]
         part = (inertial[:, None] * self.ports[:, moving]).reshape(m * p, -1)
         out += (part @ loads).reshape(m, p, -1)
-        for k, spring in enumerate(self.springs):
-            held = static[:, p + 6 * k : p + 6 * k + 6] @ spring.stiffness
-            moved = self.move(spring.node, spring.at)
-            out -= (held @ moved.reshape(6, -1)).reshape(out.shape)
         return out
 
     def find_wrench(self, name: str) -> Complex:
@@ -461,29 +490,24 @@ class ResponseState:
             count,
         )
 
-    def load(self, payloads: Sequence[Payload | None], count: int) -> Complex:
-        """Return derivatives (r, f, k) by payloads, one for each of k parameters or None."""
+    def load(self, rates: Sequence[MassRate | None], count: int) -> Complex:
+        """Return derivatives (r, f, k) by masses, one for each of k parameters or None."""
         out = self._sum((), count)
         where = self.modal.system.where
-        for k, payload in enumerate(payloads):
-            if payload is None:
+        for k, rate in enumerate(rates):
+            if rate is None:
                 continue
-            moved = self.move(payload.body, payload.at)
-            turn = np.asarray(where.rotation[payload.body]).reshape(-1, 3, 3)[0]
-            arm = turn @ payload.moments
+            moved = self.move(rate.body, rate.at)
+            turn = np.asarray(where.rotation[rate.body]).reshape(-1, 3, 3)[0]
+            arm = turn @ rate.moments
             matrix = np.zeros((6, 6))
-            matrix[:3, :3] = payload.mass * np.eye(3)
+            matrix[:3, :3] = rate.mass * np.eye(3)
             lever = np.cross(np.eye(3), arm).T  # v · (ω × a)
             matrix[:3, 3:] = lever
             matrix[3:, :3] = lever.T
-            if payload.inertia is not None:
-                matrix[3:, 3:] += turn @ payload.inertia @ turn.T
+            matrix[3:, 3:] = turn @ rate.inertia @ turn.T
             out[..., k] = -(self.s**2) * self._pair(moved, matrix[None])[..., 0]
         return out
-
-    def pull(self, node: str, at: Array, rates: Array) -> Complex:
-        """Return derivatives (r, f, k) by stiffnesses (k, 6, 6) of a spring to the ground."""
-        return -self._pair(self.move(node, at), rates)
 
     def _sum(self, parts: Any, count: int) -> Complex:
         out = np.zeros((len(self.pairs), len(self.s), count), dtype=complex)

@@ -174,6 +174,8 @@ def _turn_about(prediction: RobotReadings, name: str) -> Array:
     out = np.zeros((max(len(turn), len(slid)), 6, 6))
     out[:, :3, :3] = out[:, 3:, 3:] = np.eye(3) - turn
     out[:, :3, 3:] = -skew(slid)
+    if joint.is_on_first:  # about the bearing's point, from which the second's has slid
+        out[:, :3] += skew(slid) @ out[:, 3:]
     return np.broadcast_to(out, (len(prediction.campaign.poses), 6, 6))
 
 
