@@ -181,7 +181,7 @@ BAD = {
     "sheet": (lambda: kernel.faces(box(0, 10))[0], "a surface without volume"),
     "loose": (
         lambda: kernel.compound(box(0, 10), kernel.faces(box(20, 30))[0]),
-        r"1 loose face beside the solid, at \(25, ",
+        r"1 loose face beside the solid, at \(20, 25, 25\) mm",
     ),
     "far": (lambda: box(1e9, 1e9 + 10), "1e.09 mm"),
     "not a number": (lambda: box(0, float("nan")), "nan mm"),
