@@ -74,6 +74,28 @@ def test_details_of_real_machines_make_the_joints_that_they_are(machine):
     assert laid == (2 if machine is assemblies.case else 0)
 
 
+def test_solids_that_differ_by_a_translation_share_a_product(tmp_path):
+    """Brackets drawn where they stand: two alike, and one in a mirror."""
+
+    def bracket(x, side):
+        foot = b.Pos(x, 0, 0) * b.Box(30, 20, 4)
+        hole = b.Pos(x + side * 8, 5, 0) * b.Cylinder(3, 10)
+        return (foot - hole).solid()
+
+    drawn = [bracket(0, 1), bracket(50, 1), bracket(100, -1)]
+    for name, each in zip("abc", drawn, strict=True):
+        each.label = name
+    b.export_step(b.Compound(children=drawn), tmp_path / "three.step")
+    one, two, three = read_assembly(tmp_path / "three.step")
+    assert one.product is two.product
+    assert three.product is not one.product
+    for own, each in zip(drawn, (one, two, three), strict=True):
+        box = own.bounding_box()
+        assert 1e3 * each.box == pytest.approx(np.array([[*box.min], [*box.max]]))
+        off = cad.kernel.distance(each.solid, np.array([*own.vertices()[5]]))
+        assert off < 1e-6
+
+
 def _place_solids(made, place, named=True):
     children = []
     for name, solid in made.solids.items():
