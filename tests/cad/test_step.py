@@ -159,6 +159,13 @@ def box(low: float, high: float) -> kernel.Shape:
 
 def crossing(deep: float = 5.0) -> kernel.Shape:
     """Two cubes that overlap, mm, their faces in one shell."""
+    return one_shell(
+        *kernel.faces(box(0, 10)), *kernel.faces(box(10 - deep, 20 - deep))
+    )
+
+
+def one_shell(*faces: kernel.Face) -> kernel.Shape:
+    """A solid whose faces are these, whether they fit or not."""
     from OCP.BRep import BRep_Builder
     from OCP.TopoDS import TopoDS_Shell, TopoDS_Solid
 
@@ -167,7 +174,7 @@ def crossing(deep: float = 5.0) -> kernel.Shape:
     solid = TopoDS_Solid()
     builder.MakeShell(shell)
     builder.MakeSolid(solid)
-    for face in kernel.faces(box(0, 10)) + kernel.faces(box(10 - deep, 20 - deep)):
+    for face in faces:
         builder.Add(shell, face)
     builder.Add(solid, shell)
     return solid
@@ -186,6 +193,10 @@ BAD = {
     "far": (lambda: box(1e9, 1e9 + 10), "1e.09 mm"),
     "not a number": (lambda: box(0, float("nan")), "nan mm"),
     "crossing": (crossing, r"a self-intersecting solid at \(.*\) mm"),
+    "open": (
+        lambda: one_shell(*kernel.faces(box(0, 10))[:5]),
+        r"4 open edges, one at \((0|5|10), (0|5|10), 10\) mm",
+    ),
     "tiny": (lambda: box(0, 0.01), "0.0173 mm"),
     "foil": (lambda: Box(100, 100, 1e-4).wrapped, "0.0001 mm"),
 }
