@@ -183,7 +183,9 @@ def test_what_yields_most_under_a_push_stands_first(tmp_path, capsys):
     first, second = (line.split() for line in shown if line.startswith("s"))
     assert (first[0], float(first[1])) == ("soft", pytest.approx(75.0, abs=0.1))
     assert (second[0], float(second[1])) == ("stiff", pytest.approx(25.0, abs=0.1))
-    assert "What yields most" in (tmp_path / "o" / "report.html").read_text()
+    page = (tmp_path / "o" / "report.html").read_text()
+    assert "What yields most" in page
+    assert "home: its one pose" in page
 
 
 def test_stiffness_needs_no_modes_of_the_parts(tmp_path, monkeypatch, capsys):
