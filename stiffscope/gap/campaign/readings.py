@@ -82,7 +82,17 @@ def load_campaign(
         for name in header.readings
     ]
     if not read:
-        return _empty_campaign(header)
+        return Campaign.without_readings(
+            header.robot,
+            header.modelled,
+            header.components,
+            sensors=header.sensors,
+            loads=header.loads,
+            frames=header.frames,
+            responses=header.responses,
+            units=header.units,
+            source=header.source,
+        )
     parts = [keys for keys, _, _ in read]
     first = parts[0]
     other = next(
@@ -127,36 +137,6 @@ def load_campaign(
     )
     _check_some(campaign)
     return campaign if robot is None else match_robot(campaign, robot)
-
-
-def _empty_campaign(header: Header) -> Campaign:
-    """Return a campaign without readings, of frequency responses alone."""
-    none = np.zeros(0, dtype=np.int64)
-    return Campaign(
-        robot=header.robot,
-        modelled=header.modelled,
-        components=header.components,
-        pose_names=(),
-        poses=np.zeros((0, 3)),
-        pose=none,
-        wrench=np.zeros((0, 6)),
-        quantity=none,
-        value=np.zeros(0),
-        sigma=np.zeros(0),
-        session_names=(),
-        session=none,
-        files=(),
-        file=none,
-        line=none,
-        sensors=header.sensors,
-        sensor=none,
-        loads=header.loads,
-        load=none,
-        frames=header.frames,
-        responses=header.responses,
-        units=header.units,
-        source=header.source,
-    )
 
 
 def _check_files(folder: Path, header: Header) -> None:
