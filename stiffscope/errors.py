@@ -5,6 +5,9 @@ import re
 from collections.abc import Iterable
 from typing import Any
 
+Key = tuple[str | int, ...]
+"""Keys of the tables around a value and its own, outermost first."""
+
 _NO_MEMORY = re.compile(
     r"MemoryError|bad_alloc|failed to map|(unable to|cannot) allocate|out ?of ?memory",
     re.I,
@@ -39,6 +42,37 @@ def _on_one_line(message: str) -> str:
     return "".join(
         letter if letter.isprintable() else repr(letter)[1:-1] for letter in message
     )
+
+
+class FieldError(ValueError):
+    """Error in the value of a key of a file; `Source.refuse` adds file and line."""
+
+    def __init__(self, key: Key, message: str) -> None:
+        super().__init__(message)
+        self.key = key
+
+
+def require(valid: object, where: object, expected: str, got: object = None) -> None:
+    """Raise the error ``WHERE: expected …, got …`` unless valid.
+
+    Parameters
+    ----------
+    valid
+        What holds of a valid input.
+    where
+        File, line and field, or an option: InputError. A key of the file that is being read, as a tuple:
+        FieldError, which becomes an InputError with file and line. "": what calls knows the place.
+    expected, got
+        The valid and the given, in words; without ``got`` only what is expected is said.
+    """
+    if valid:
+        return
+    message = (
+        f"expected {expected}" if got is None else f"expected {expected}, got {got}"
+    )
+    if isinstance(where, tuple):
+        raise FieldError(where, message)
+    raise InputError(f"{where}: {message}" if str(where) else message)
 
 
 def check_kind(name: str, value: object, kind: Any, maker: str) -> None:

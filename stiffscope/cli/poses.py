@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from stiffscope.errors import InputError, meant
+from stiffscope.errors import InputError, meant, require
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.mechanism_of import configured_poses, rigid_mechanism
 from stiffscope.vjm.kinematics.configurations import configure_drives, start_note
@@ -44,10 +44,12 @@ def find_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> As
     joints
         Displacements of drives from home as text, e.g. "leg1.motor=10 deg"; excludes ``at``.
     """
-    if at and joints:
-        raise InputError(
-            "--joints: expected either poses with --at or drives with --joints, got both"
-        )
+    require(
+        not (at and joints),
+        "--joints",
+        "either poses with --at or drives with --joints",
+        "both",
+    )
     names = tuple(joints or at or robot.poses)
     mechanism = rigid_mechanism(robot)
     if joints:

@@ -22,7 +22,7 @@ from stiffscope.design.show import sensitivities as report
 from stiffscope.design.show import studies as study_report
 from stiffscope.design.studies import WHOLE, find_study, merge_study, run_study
 from stiffscope.design.study_reading import load_study
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.experiments.experiments import solve_parts
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.experiments.orders import order_part
@@ -187,8 +187,7 @@ def _merge(places: tuple[Path, ...], output: Output) -> None:
     """Join shares from their output folders; the study's file may be given first."""
     given = [path for path in places[:1] if path.is_file()]
     folders = places[len(given) :]
-    if not folders:
-        raise InputError("study merge: expected output folders of shares, got none")
+    require(folders, "study merge", "output folders of shares", "none")
     shares = [folder / DESIGNS for folder in folders]
     file = load_study(given[0] if given else find_study(shares))
     manifest = manifest_of(file.robot, file.path)

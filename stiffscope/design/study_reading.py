@@ -26,13 +26,13 @@ from stiffscope.design.study_file import (
     Variable,
     round_off,
 )
-from stiffscope.errors import InputError
+from stiffscope.errors import FieldError, InputError, require
 from stiffscope.lobes.chatter import check_cut
 from stiffscope.path.job import load_job
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.expressions import parse
 from stiffscope.robot.file.override import write_override
-from stiffscope.robot.file.parse import FieldError, Source, blame, parse_text
+from stiffscope.robot.file.parse import Source, blame, parse_text
 from stiffscope.robot.file.tables import one_of, read_table
 from stiffscope.robot.file.values import (
     Reads,
@@ -51,9 +51,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from stiffscope.design.study_file import Pose, Value
+    from stiffscope.errors import Key
     from stiffscope.path.job import Job
     from stiffscope.robot.file.description import RobotFile
-    from stiffscope.robot.file.positions import Key
 
 Method = Literal["grid", "latin-hypercube", "sobol", "optimum", "pareto"]
 DESIGNS = {"latin-hypercube": 64, "sobol": 64, "optimum": 120, "pareto": 400}
@@ -62,8 +62,7 @@ RANGE = 'a range such as ["15 mm", "40 mm"]'
 
 
 def _read_count(value: Any) -> int:
-    if not 1 <= parse_whole(value) <= MOST_DESIGNS:
-        raise ValueError(f"expected 1 to {MOST_DESIGNS}, got {value}")
+    require(1 <= parse_whole(value) <= MOST_DESIGNS, "", f"1 to {MOST_DESIGNS}", value)
     return parse_whole(value)
 
 
@@ -178,8 +177,12 @@ def _read(top: StudySection, source: Source) -> StudyFile:
     given = _list_entries(top.parameters, ("parameters",), RangeSection)
     for key, name, _ in given:
         other = name.partition(".")[2]
-        if other in (each[1] for each in given):
-            raise FieldError(key, f'expected each value once, got "{other}" too')
+        require(
+            other not in (each[1] for each in given),
+            key,
+            "each value once",
+            f'"{other}" too',
+        )
     variables = tuple(_read_variable(*each, robot, top) for each in given)
     poses: dict[Pose, int] = {}
     wanted = _list_entries(top.responses, ("responses",), ResponseSection)
@@ -187,10 +190,9 @@ def _read(top: StudySection, source: Source) -> StudyFile:
     responses = tuple(_read_response(*each, robot, poses, find_job) for each in wanted)
     units = {response.name: response.unit for response in responses}
     for key, name, _ in wanted:
-        if not _NAME.fullmatch(name):
-            raise FieldError(
-                key, f'expected a name of letters, digits and _, got "{name}"'
-            )
+        require(
+            _NAME.fullmatch(name), key, "a name of letters, digits and _", f'"{name}"'
+        )
     limits = tuple(
         _read_limit(text, k, units) for k, text in enumerate(top.constraints)
     )
@@ -228,8 +230,7 @@ def _list_entries(
             found.append((inner, name, value))
 
     walk(key, "", table)
-    if not table:
-        raise FieldError(key, "expected one entry at least, got none")
+    require(table, key, "one entry at least", "none")
     return found
 
 
@@ -428,8 +429,7 @@ def _list_grid(robot: RobotFile, points: int, where: Key) -> list[Pose]:
     for name, values in zip(ranges, mesh, strict=True):
         grid[:, robot.tool.pose.index(name)] = values.ravel()
     reached = grid[configured_poses(robot, mechanism, grid).valid]
-    if not len(reached):
-        raise FieldError(where, "expected a map with points within reach, got none")
+    require(len(reached), where, "a map with points within reach", "none")
     return [tuple(map(float, pose)) for pose in reached]
 
 

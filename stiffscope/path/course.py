@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.vjm.kinematics.configurations import configure_chunks
 from stiffscope.vjm.model.mechanism import COORDINATES
 from stiffscope.vjm.model.screws import rotation_of
@@ -273,10 +273,12 @@ def process_wrench(
             force.feed * along_ + force.across * normal + force.axial * spindle
         )
     cutting = None
-    if process.cuts and path.rapid.all():
-        raise InputError(
-            f"{job.path_file.name}: expected a move that cuts (G1 to G3), got rapid moves alone"
-        )
+    require(
+        not (process.cuts and path.rapid.all()),
+        job.path_file.name,
+        "a move that cuts (G1 to G3)",
+        "rapid moves alone",
+    )
     for cut in process.cuts:
         feeds = _feeds(job, cut.feed, length)[acting]
         cutting = cut.forces(float(np.mean(feeds)))

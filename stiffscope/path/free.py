@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.linalg import solve_banded
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.path.course import Axes, pick_evenly, respond_under, tool_error
 from stiffscope.vjm.kinematics.configurations import configure, learn_configurations
 from stiffscope.vjm.model.mechanism import COORDINATES
@@ -146,10 +146,7 @@ def choose_free(course: Course, assembled: Assembled) -> Freed:
     job = course.job
     section = course.job.section
     motions = section.free.motions(section.axis) if section.free is not None else ()
-    if not motions:
-        raise InputError(
-            f"{job.file.name}: free: expected spindle, table or slide, got none"
-        )
+    require(motions, f"{job.file.name}: free", "spindle, table or slide", "none")
     problem = _Problem(
         job, assembled, course, motions, partial(configure, assembled.mechanism)
     )

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.runtime.reading import read_text
 
 if TYPE_CHECKING:
@@ -114,9 +114,9 @@ def read_program(path: Path, step: float) -> Program:
                 often = f"one at least every {1e3 * step:g} mm: step"
                 most = f"expected at most {MOST_POINTS:,} points ({often})"
                 raise InputError(f"{path.name}:{number + 1}: {most}, got more")
-    if not rows:
-        expected = "lines that move the tool (G0 to G3 with X, Y or Z)"
-        raise InputError(f"{path.name}: expected {expected}, got none")
+    require(
+        rows, path.name, "lines that move the tool (G0 to G3 with X, Y or Z)", "none"
+    )
     points, rapid, feed, line = map(np.array, zip(*rows, strict=True))
     return Program(
         points=points,
@@ -167,10 +167,7 @@ def _read_words(bare: str, here: str) -> list[tuple[str, str]]:
     """Return letters and numbers of a line. Raises InputError for what is ambiguous or no word."""
     words = _WORD.findall(bare)
     rest = _WORD.sub("", bare).strip()
-    if rest:
-        raise InputError(
-            f"{here}: expected words such as G1 X10.5 F200, got {rest[:20]!r}"
-        )
+    require(not rest, here, "words such as G1 X10.5 F200", f"{rest[:20]!r}")
     raised = _EXPONENT.search(bare)
     if raised:
         raise InputError(
@@ -192,9 +189,12 @@ def _read_words(bare: str, here: str) -> list[tuple[str, str]]:
 def _set_mode(state: _State, letter: str, code: float, here: str) -> None:
     """Set a mode by its G code; raise InputError for unsupported motion and subprogram calls."""
     known = int(code)
-    if letter == "M" and code in _CALLS:
-        expected = "expected a program without calls of others"
-        raise InputError(f"{here}: M{code:g}: {expected}, got one")
+    require(
+        not (letter == "M" and code in _CALLS),
+        f"{here}: M{code:g}",
+        "a program without calls of others",
+        "one",
+    )
     if letter != "G":
         return
     if known not in _KNOWN or (code != known and code not in _POINTS):

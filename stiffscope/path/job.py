@@ -11,6 +11,7 @@ from pydantic import Field, create_model
 from scipy.spatial.transform import Rotation
 
 from stiffscope.cad.materials import MATERIALS
+from stiffscope.errors import require
 from stiffscope.path.cutting import (
     cutting_materials,
     drill,
@@ -34,7 +35,7 @@ from stiffscope.path.values import (
 from stiffscope.registry import sections_of
 from stiffscope.robot.file import values as v
 from stiffscope.robot.file.description import RobotFile
-from stiffscope.robot.file.parse import FieldError, Source, blame, parse_text
+from stiffscope.robot.file.parse import Source, blame, parse_text
 from stiffscope.robot.file.tables import one_of, read_table
 from stiffscope.robot.file.values import (
     Direction,
@@ -82,15 +83,19 @@ class _Cut(Section):
                 f"cut.{own[0]}: expected a material, or kc1 and mc, got {got}"
             )
         edge = np.pi * self.diameter * self.speed
-        if edge > FASTEST:
-            raise ValueError(
-                f"expected pi * diameter * speed of at most {FASTEST:g} m/s, got {edge:.4g} m/s"
-            )
+        require(
+            edge <= FASTEST,
+            "",
+            f"pi * diameter * speed of at most {FASTEST:g} m/s",
+            f"{edge:.4g} m/s",
+        )
         if self.kc1 is not None and self.mc is not None:
-            if self.mc >= MOST_EXPONENT:
-                raise ValueError(
-                    f"cut.mc: expected less than {MOST_EXPONENT:g}, got {self.mc:g}"
-                )
+            require(
+                self.mc < MOST_EXPONENT,
+                "cut.mc",
+                f"less than {MOST_EXPONENT:g}",
+                f"{self.mc:g}",
+            )
             return self.kc1, self.mc
         if self.material is None:
             got = own[0] if own else "neither"
@@ -128,8 +133,7 @@ class _EdgeCut(_Cut):
         """Radial over tangential force. Raise ValueError if it is given twice."""
         if self.kr is None:
             return self.radial
-        if "radial" in self.model_fields_set:
-            raise ValueError("cut.kr: expected kr or radial, got both")
+        require("radial" not in self.model_fields_set, "cut.kr", "kr or radial", "both")
         return self.kr
 
     @property
@@ -149,8 +153,7 @@ class MillingSection(_EdgeCut):
 
     def forces(self, feed: float) -> CuttingForces:
         """Return the mean forces at a feed in m/s."""
-        if self.width > self.diameter:
-            raise ValueError("cut.width: expected at most the diameter")
+        require(self.width <= self.diameter, "cut.width", "at most the diameter")
         ratio = self.radial_ratio
         return mill(*self.law(), feed=feed, radial=ratio, **self.geometry)
 
@@ -172,8 +175,11 @@ class TurningSection(_EdgeCut):
 
     def forces(self, feed: float) -> CuttingForces:
         """Return the forces at a feed in m/s."""
-        if self.depth > 0.5 * self.diameter:
-            raise ValueError("cut.depth: expected at most half the diameter")
+        require(
+            self.depth <= 0.5 * self.diameter,
+            "cut.depth",
+            "at most half the diameter",
+        )
         own = self.geometry
         del own["towards"]
         ratio = self.radial_ratio
@@ -425,11 +431,11 @@ def load_job(path: str | Path, instead: str | Path | RobotFile | None = None) ->
         given = top.model_fields_set & (
             set() if found.program else {"step", "at", "x", "y"}
         )
-        if given:
-            raise FieldError(
-                (min(given),),
-                f"expected none beside a table ({file.name}), whose poses are in base axes",
-            )
+        require(
+            not given,
+            tuple(sorted(given)[:1]),
+            f"none beside a table ({file.name}), whose poses are in base axes",
+        )
     return Job(path, file, top, robot, found)
 
 
@@ -439,7 +445,6 @@ def _axes(top: JobSection) -> np.ndarray:
     y = np.array(top.y)
     x = x / np.linalg.norm(x)
     y = y - x * (x @ y)
-    if np.linalg.norm(y) < 1e-9:
-        raise FieldError(("y",), "expected a direction across x, got one along it")
+    require(np.linalg.norm(y) >= 1e-9, ("y",), "a direction across x", "one along it")
     y = y / np.linalg.norm(y)
     return np.column_stack((x, y, np.cross(x, y)))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import FieldError, InputError, require
 from stiffscope.path.gcode import (
     MOST_POINTS,
     Program,
@@ -15,7 +15,7 @@ from stiffscope.path.gcode import (
     read_program,
 )
 from stiffscope.robot.file import quantities as q
-from stiffscope.robot.file.parse import FieldError, blame
+from stiffscope.robot.file.parse import blame
 from stiffscope.robot.file.tables import one_of
 from stiffscope.runtime.formats import TABLE_FORMATS
 from stiffscope.runtime.table import (
@@ -146,9 +146,12 @@ def read_toolpath(
         A unit is invalid.
     """
     if path.suffix.lower() in PROGRAMS:
-        if units:
-            message = "expected none beside a program, which states its own (G20, G21), got some"
-            raise FieldError(("units",), message)
+        require(
+            not units,
+            ("units",),
+            "none beside a program, which states its own (G20, G21)",
+            "some",
+        )
         return _of_program(path, robot, step, np.array(at, dtype=float), axes)
     pose = tuple(robot.tool.pose)
 
@@ -158,9 +161,12 @@ def read_toolpath(
         check_columns(
             name, header, place, dict.fromkeys((*place, *WRENCH, "feed", "t"))
         )
-        if {"feed", "t"} <= set(header):
-            expected = "a column feed or a column t, from which the feed follows"
-            raise InputError(f"{name}:1: expected {expected}, got both")
+        require(
+            len({"feed", "t"} & set(header)) < 2,
+            f"{name}:1",
+            "a column feed or a column t, from which the feed follows",
+            "both",
+        )
 
     table = _read_plain(path, check) or read_table(path, check, most=MOST_POINTS)
     check_marks(table, table.columns)

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.cad.checks import mm
-from stiffscope.errors import InputError
+from stiffscope.errors import FieldError, InputError, require
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.copies import tensor
 from stiffscope.robot.file.description import ENDS, GROUND, HOME
-from stiffscope.robot.file.parse import FieldError, blame, split_place
+from stiffscope.robot.file.parse import blame, split_place
 from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.file.sections import Bearing, ElasticBody, RigidBody
 from stiffscope.robot.file.tables import one_of
@@ -22,8 +22,8 @@ from stiffscope.robot.mechanism_of import rigid_mechanism, written_axes
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from stiffscope.errors import Key
     from stiffscope.robot.file.description import RobotFile
-    from stiffscope.robot.file.positions import Key
 
 SAME_LENGTH = 1e-4  # relative tolerance; coordinates are often rounded to 0.01 mm
 _ROUNDED = 1e-9  # relative tolerance of moments of inertia
@@ -41,8 +41,7 @@ def check_robot(robot: RobotFile) -> RobotFile:
     FieldError
         At the first error across the sections of the file.
     """
-    if not robot.bodies:
-        raise FieldError(("bodies",), "expected at least one body, got none")
+    require(robot.bodies, ("bodies",), "at least one body", "none")
     for name in robot.parts:
         _check_part(robot, name)
     for name in robot.poses:
@@ -78,10 +77,12 @@ def _check_part(robot: RobotFile, name: str) -> None:
 
 
 def _check_file_name(key: Key, name: str) -> None:
-    if name in {"", ".", ".."} or not _FILE_NAME.fullmatch(name):
-        raise FieldError(
-            key, q.expected("a name that a file of results can have", name)
-        )
+    require(
+        name not in {"", ".", ".."} and _FILE_NAME.fullmatch(name),
+        key,
+        "a name that a file of results can have",
+        q.show_value(name),
+    )
 
 
 def _check_elastic(robot: RobotFile, name: str, body: ElasticBody) -> None:
@@ -91,11 +92,12 @@ def _check_elastic(robot: RobotFile, name: str, body: ElasticBody) -> None:
     part = robot.parts[body.part]
     along = np.subtract(body.tip, body.base)
     size = body.length
-    if size < 1e-9:
-        got = f"the same, {list(body.tip)} m"
-        raise FieldError(
-            (*key, "tip"), f"expected a point away from the base, got {got}"
-        )
+    require(
+        size >= 1e-9,
+        (*key, "tip"),
+        "a point away from the base",
+        f"the same, {list(body.tip)} m",
+    )
     length = part.span
     if length is not None and abs(length - size) > SAME_LENGTH * length:
         what = f"a tip {mm(length)} from the base, as part {body.part} is long, to {SAME_LENGTH:.2%}"
@@ -116,36 +118,40 @@ def _check_elastic(robot: RobotFile, name: str, body: ElasticBody) -> None:
 def _check_rigid(robot: RobotFile, name: str, body: RigidBody) -> None:
     key = ("bodies", name)
     owner, _, end = name.rpartition(".")
-    if end in robot.ends(owner):
-        got = f'"{name}", which is an end of the elastic body "{owner}"'
-        raise FieldError(key, f"expected another name, got {got}")
+    require(
+        end not in robot.ends(owner),
+        key,
+        "another name",
+        f'"{name}", which is an end of the elastic body "{owner}"',
+    )
     if body.mesh is not None:
         file = robot.path.parent / body.mesh
-        if file.suffix.lower() not in MESHES:
-            what = f"a file for pictures ({', '.join(MESHES)})"
-            raise FieldError((*key, "mesh"), q.expected(what, body.mesh))
-        if not file.is_file():
-            raise FieldError(
-                (*key, "mesh"), f"expected a file for pictures, got none at {file}"
-            )
+        require(
+            file.suffix.lower() in MESHES,
+            (*key, "mesh"),
+            f"a file for pictures ({', '.join(MESHES)})",
+            q.show_value(body.mesh),
+        )
+        require(
+            file.is_file(), (*key, "mesh"), "a file for pictures", f"none at {file}"
+        )
     if body.mass and body.centre is None:
         what = f"a point where the mass of {body.mass:g} kg acts"
         raise FieldError((*key, "centre"), f"expected {what}, got nothing")
     if body.inertia is not None:
-        if not body.mass:
-            raise FieldError(
-                (*key, "mass"), "expected a mass above 0 kg beside an inertia, got 0"
-            )
+        require(body.mass, (*key, "mass"), "a mass above 0 kg beside an inertia", "0")
         with blame(*key, "inertia"):
             _check_inertia(body.inertia)
 
 
 def _check_inertia(inertia: tuple[float, ...]) -> None:
     least, middle, most = map(float, np.linalg.eigvalsh(tensor(inertia)))
-    if least < -_ROUNDED * max(map(abs, inertia)):
-        raise ValueError(
-            f"expected no negative principal moment, got {least:.6g} kg·m²"
-        )
+    require(
+        least >= -_ROUNDED * max(map(abs, inertia)),
+        "",
+        "no negative principal moment",
+        f"{least:.6g} kg·m²",
+    )
     if most > (least + middle) * (1.0 + 1e-3):  # tolerates rounded numbers
         got = f"{least:.6g}, {middle:.6g}, {most:.6g} kg·m²"
         what = "principal moments of which none exceeds the sum of the others"
@@ -158,10 +164,12 @@ def _check_joint(robot: RobotFile, name: str, known: Mapping[str, str]) -> None:
     for number, each in enumerate(joint.between):
         _check_node((*key, "between", number), each, known, robot)
     first, second = joint.between
-    if known[first] == known[second]:
-        raise FieldError(
-            (*key, "between"), f"expected two bodies, got {first} and {second}"
-        )
+    require(
+        known[first] != known[second],
+        (*key, "between"),
+        "two bodies",
+        f"{first} and {second}",
+    )
     axis = getattr(joint, "axis", None)
     axis2 = getattr(joint, "axis2", None)
     if axis is not None and axis2 is not None:
@@ -170,9 +178,12 @@ def _check_joint(robot: RobotFile, name: str, known: Mapping[str, str]) -> None:
             / np.linalg.norm(axis)
             / np.linalg.norm(axis2)
         )
-        if sine < _PARALLEL:
-            message = f"expected a direction other than axis, got {list(axis2)}"
-            raise FieldError((*key, "axis2"), message)
+        require(
+            sine >= _PARALLEL,
+            (*key, "axis2"),
+            "a direction other than axis",
+            list(axis2),
+        )
     _check_bearing(robot, name)
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import copy
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.errors import InputError
+from stiffscope.errors import FieldError, InputError
 from stiffscope.robot.checks import check_robot
 from stiffscope.robot.file.copies import make_copies
 from stiffscope.robot.file.evaluate import evaluate, evaluate_value
 from stiffscope.robot.file.override import apply_overrides, assign, check_unit
-from stiffscope.robot.file.parse import FieldError, Source, parse_text
+from stiffscope.robot.file.parse import Source, parse_text
 from stiffscope.robot.file.validate import check_top, read_pose, validate
 from stiffscope.robot.library import find_robot, robot_names
 from stiffscope.runtime import reading

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 
 import psutil
 
-from stiffscope.errors import InputError, StiffscopeError
+from stiffscope.errors import InputError, StiffscopeError, require
 from stiffscope.runtime.json_text import encodable, to_json
 from stiffscope.runtime.reading import file_digest, read_bytes, show_path, why
 from stiffscope.runtime.signals import STOPS, deaf_to
@@ -104,10 +104,8 @@ def write_new(path: Path, content: bytes) -> None:
 
 def check_new(path: str | Path, advice: str = "choose another name") -> None:
     """Raise InputError with advice if a path exists, of any kind, or cannot be written."""
-    if not Path(path).name:  # "", "." and "/"
-        raise InputError(
-            f"{show_path(path)}: expected the name of a file to write, got none"
-        )
+    # "", "." and "/"
+    require(Path(path).name, show_path(path), "the name of a file to write", "none")
     _check_absent(path, "file", advice)
     check_file(Path(path))
 
@@ -115,9 +113,12 @@ def check_new(path: str | Path, advice: str = "choose another name") -> None:
 def _check_absent(
     path: str | Path, kind: str, advice: str = "choose another name"
 ) -> None:
-    if kind and os.path.lexists(path):
-        expected = f"expected a {kind} that is not there yet, got one that is"
-        raise InputError(f"{show_path(path)}: {expected}; {advice}")
+    require(
+        not (kind and os.path.lexists(path)),
+        show_path(path),
+        f"a {kind} that is not there yet",
+        f"one that is; {advice}",
+    )
 
 
 def check_json(path: Path) -> None:
@@ -127,11 +128,12 @@ def check_json(path: Path) -> None:
         with contextlib.suppress(ValueError, LookupError, TypeError, RecursionError):
             held = json.loads(read_bytes(path))
             maker = (held[0] if isinstance(held, list) else held)["made_by"]
-        if maker != MAKER:
-            expected = "expected a new file or JSON that stiffscope wrote"
-            raise InputError(
-                f"{show_path(path)}: {expected}, got another; --force replaces it"
-            )
+        require(
+            maker == MAKER,
+            show_path(path),
+            "a new file or JSON that stiffscope wrote",
+            "another; --force replaces it",
+        )
     check_file(path)
 
 

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import openpyxl
 
-from stiffscope.errors import InputError, meant
+from stiffscope.errors import InputError, meant, require
 from stiffscope.runtime.reading import open_file, read_text
 
 if TYPE_CHECKING:
@@ -212,10 +212,7 @@ def read_table(
     read = _sheet if path.suffix.lower() == ".xlsx" else _lines
     rows, lines, decimal_comma, sheets = read(path, most)
     name = f"{path.name} (sheet {sheets[0]})" if sheets[1:] else path.name
-    if not rows:
-        raise InputError(
-            f"{name}: expected a header line of column names, got an empty file"
-        )
+    require(rows, name, "a header line of column names", "an empty file")
     _drop_empty_columns(rows)
     header = _header(name, rows[0], lines[0])
     own = {
@@ -259,10 +256,12 @@ def _rename(
     """Return the header with names of columns in place of a file's own headings."""
     column_of = {heading: column for column, heading in own.items()}
     for column, heading in own.items():
-        if column in header and column not in column_of:
-            raise InputError(
-                f"{name}:{line}: {column}: expected it once, got {heading!a} for it, too"
-            )
+        require(
+            not (column in header and column not in column_of),
+            f"{name}:{line}: {column}",
+            "it once",
+            f"{heading!a} for it, too",
+        )
     return [column_of.get(cell, cell) for cell in header]
 
 
@@ -427,18 +426,20 @@ _DECIMAL_COMMA = re.compile(r"^([+-]?\d*),(\d+([eE][+-]?\d+)?)\Z")
 
 def _header(name: str, row: list[str], line: int) -> list[str]:
     header = [cell.strip() for cell in row]
-    if len(header) > MOST_COLUMNS:
-        message = f"expected at most {MOST_COLUMNS:,} columns, got more"
-        raise InputError(f"{name}:{line}: column {MOST_COLUMNS + 1}: {message}")
+    require(
+        len(header) <= MOST_COLUMNS,
+        f"{name}:{line}: column {MOST_COLUMNS + 1}",
+        f"at most {MOST_COLUMNS:,} columns",
+        "more",
+    )
     for position, cell in enumerate(header):
-        if not cell:
-            raise InputError(
-                f"{name}:{line}: column {position + 1}: expected a name in the header"
-            )
-        if cell in header[:position]:
-            raise InputError(
-                f"{name}:{line}: {cell}: expected each name once, got it twice"
-            )
+        require(cell, f"{name}:{line}: column {position + 1}", "a name in the header")
+        require(
+            cell not in header[:position],
+            f"{name}:{line}: {cell}",
+            "each name once",
+            "it twice",
+        )
     return header
 
 

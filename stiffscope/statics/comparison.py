@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.experiments.masses import mass_of_solids
 from stiffscope.robot.mechanism_of import configured_poses
@@ -99,10 +99,7 @@ def compare_robots(
             for each in made.values()
         ]
         reached = np.all(valid, axis=0)
-    if not reached.any():
-        raise InputError(
-            "compare: expected a named pose that both robots reach, got none"
-        )
+    require(reached.any(), "compare", "a named pose that both robots reach", "none")
     both = [
         analyse(each.mechanism, values[reached], gravity="exact")
         for each in made.values()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.runtime.formats import write_netcdf, write_table
 from stiffscope.vjm.kinematics.configurations import configure, find_still
 from stiffscope.vjm.model.mechanism import COORDINATES, DIAGONAL
@@ -224,11 +224,12 @@ def check_points(mechanism: Mechanism, ranges: Ranges, points: int) -> None:
         (MEMORY / (PER_POSE + PER_ELEMENT * len(mechanism.elements)))
         ** (1 / len(ranges))
     )
-    if points > most:
-        expected = f"expected at most {most} poses along each of {' and '.join(ranges)}"
-        raise InputError(
-            f"points: {expected}, which take {MEMORY / 1e9:g} GB, got {points}"
-        )
+    require(
+        points <= most,
+        "points",
+        f"at most {most} poses along each of {' and '.join(ranges)}, which take {MEMORY / 1e9:g} GB",
+        points,
+    )
 
 
 def map_volume(

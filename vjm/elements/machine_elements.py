@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.vjm.elements.rolling import (
     LINE,
     POINT,
@@ -171,10 +171,12 @@ def ball_bearing(
     wrench = np.concatenate([np.asarray(load, dtype=float), np.zeros(3)])
     if arrangement == "single":
         return _element(contacts, wrench, length, (3,), _HERTZ)
-    if wrench[1:].any():
-        raise InputError(
-            "load: expected a preload along the axis of a pair, got a radial force"
-        )
+    require(
+        not wrench[1:].any(),
+        "load",
+        "a preload along the axis of a pair",
+        "a radial force",
+    )
     one = _element(contacts, wrench, length, (3,), _HERTZ)
     mirror = np.diag([-1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
     total = np.zeros((6, 6))
@@ -451,10 +453,12 @@ def _element(
 ) -> MachineElement:
     twist = settle(contacts, wrench, length)
     along, pressed, loads, _ = contacts.state(twist)
-    if not pressed.any():
-        raise InputError(
-            "load: expected a preload, a load or an interference, got no loaded element"
-        )
+    require(
+        pressed.any(),
+        "load",
+        "a preload, a load or an interference",
+        "no loaded element",
+    )
     if pressed.max() > _MOST_PRESSED * length:
         most = 1e3 * pressed.max()
         raise InputError(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from stiffscope.errors import InputError, check_kind
+from stiffscope.errors import InputError, check_kind, require
 from stiffscope.runtime.brief import describe_briefly
 from stiffscope.vjm.kinematics.closure import CLOSED
 from stiffscope.vjm.kinematics.continuation import (
@@ -299,13 +299,13 @@ def _without_welded(linkage: Linkage, displacements: Array) -> Array:
         [j.name in linkage.columns for j in linkage.mechanism.drives], dtype=bool
     )
     for joint, column in zip(linkage.mechanism.drives, displacements.T, strict=True):
-        if joint.name not in linkage.columns and (
-            column.any() or not linkage.welds(joint)
-        ):
-            here = spell_name("joints", joint.name)
-            raise InputError(
-                f"{here}: expected a passive joint in its drive's loop, got none"
-            )
+        require(
+            joint.name in linkage.columns
+            or (linkage.welds(joint) and not column.any()),
+            spell_name("joints", joint.name),
+            "a passive joint in its drive's loop",
+            "none",
+        )
     return displacements[:, movable]
 
 

@@ -21,7 +21,7 @@ from numpy.polynomial.chebyshev import chebvander
 from scipy.linalg import lstsq
 from scipy.spatial import KDTree
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.vjm.kinematics.closure import Closure, find_locked
 from stiffscope.vjm.kinematics.linkage import Linkage, rotation_vector
 
@@ -103,8 +103,7 @@ def find_solver(mechanism: Mechanism, given: Given) -> Solver:
     known = _solvers.setdefault(mechanism, {})
     if given not in known:
         linkage = Linkage(mechanism, given)
-        if not linkage.size:
-            raise InputError("joints: expected one that can move, got none")
+        require(linkage.size, "joints", "one that can move", "none")
         start = np.zeros(linkage.size)
         displaced = dict[str, float]()
         if given == "tool" and (locked := find_locked(linkage, start)[0]):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from stiffscope.errors import InputError, check_word
+from stiffscope.errors import InputError, check_word, require
 from stiffscope.vjm.model.checks import (
     assign,
     axes_along,
@@ -218,8 +218,7 @@ class Law:
 
 
 def _check_stiffness(field: str, stiffness: float) -> None:
-    if not 0.0 < stiffness < np.inf:
-        raise InputError(f"{field}: expected a stiffness above 0, got {stiffness}")
+    require(0.0 < stiffness < np.inf, field, "a stiffness above 0", stiffness)
 
 
 @dataclass(frozen=True, eq=False)
@@ -299,9 +298,12 @@ class Joint:
     def __post_init__(self) -> None:
         here = check_name("joints", self.name)
         check_word(f"{here}.carried_by", self.carried_by, ("first", "second"))
-        if self.kind not in JOINT_TYPES:
-            known = ", ".join(JOINT_TYPES)
-            raise InputError(f"{here}.type: expected one of {known}, got {self.kind!r}")
+        require(
+            self.kind in JOINT_TYPES,
+            f"{here}.type",
+            f"one of {', '.join(JOINT_TYPES)}",
+            f"{self.kind!r}",
+        )
         assign(self, "at", check_vector(self.at, f"{here}.at", "a position in m"))
         for key in ("axis", "axis2"):
             if getattr(self, key) is not None:
@@ -439,15 +441,17 @@ def _check_drive(joint: Joint, here: str) -> None:
         return
     _check_kind(joint, f"{here}.drive", LED)
     _check_stiffness(f"{here}.drive.stiffness", drive.stiffness)
-    if not drive.low < drive.high:
-        got = [drive.low, drive.high]
-        raise InputError(f"{here}.drive.range: expected its low end first, got {got}")
+    require(
+        drive.low < drive.high,
+        f"{here}.drive.range",
+        "its low end first",
+        [drive.low, drive.high],
+    )
 
 
 def _check_spring(joint: Joint, here: str) -> None:
     if joint.spring is None:
-        if joint.rest:
-            raise InputError(f"{here}.rest: expected a spring beside it, got none")
+        require(not joint.rest, f"{here}.rest", "a spring beside it", "none")
         return
     uniform = [name for name, each in JOINT_TYPES.items() if each.is_uniform]
     _check_kind(joint, f"{here}.spring", uniform)
@@ -462,6 +466,6 @@ def _check_spring(joint: Joint, here: str) -> None:
 
 
 def _check_kind(joint: Joint, field: str, kinds: Iterable[str]) -> None:
-    if joint.kind not in kinds:
-        known = ", ".join(kinds)
-        raise InputError(f"{field}: expected a {known} joint, got a {joint.kind} one")
+    require(
+        joint.kind in kinds, field, f"a {', '.join(kinds)} joint", f"a {joint.kind} one"
+    )

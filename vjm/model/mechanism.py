@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.runtime.brief import describe_briefly
 from stiffscope.vjm.model.checks import (
     BASE,
@@ -53,11 +53,12 @@ class Tool:
     def __post_init__(self) -> None:
         assign(self, "at", check_vector(self.at, "tool.at", "a position in m"))
         pose = tuple(self.pose)
-        if len(set(pose)) < len(pose) or not set(pose) <= set(COORDINATES):
-            known = ", ".join(COORDINATES)
-            raise InputError(
-                f"tool.pose: expected some of {known}, each once, got {list(pose)}"
-            )
+        require(
+            len(set(pose)) >= len(pose) and set(pose) <= set(COORDINATES),
+            "tool.pose",
+            f"some of {', '.join(COORDINATES)}, each once",
+            list(pose),
+        )
         assign(self, "pose", pose)
 
     @cached_property
@@ -132,13 +133,13 @@ class Mechanism:
         for j in self.joints:
             for node in (j.first, j.second):
                 self._check_node(node, f"{spell_name('joints', j.name)}.between")
-            if self.carrier(j.first) == self.carrier(j.second):
-                here = f"{spell_name('joints', j.name)}.between"
-                raise InputError(
-                    f"{here}: expected two bodies, got {j.first} and {j.second}"
-                )
-        if self.tool.body == GROUND:
-            raise InputError("tool.body: expected a body that moves, got ground")
+            require(
+                self.carrier(j.first) != self.carrier(j.second),
+                f"{spell_name('joints', j.name)}.between",
+                "two bodies",
+                f"{j.first} and {j.second}",
+            )
+        require(self.tool.body != GROUND, "tool.body", "a body that moves", "ground")
         self._check_node(self.tool.body, "tool.body")
         self._check_connected()
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.vjm.kinematics.configurations import configure
 from stiffscope.vjm.kinematics.datasets import Labelled, make_dataset
 from stiffscope.vjm.model.checks import GROUND
@@ -109,10 +109,9 @@ def respond(
     }
     for load in loads:
         node = FOOT if load.node == GROUND else load.node
-        if node not in where.rotation:
-            raise InputError(
-                f"load: expected a body or an end of one, got {load.node!r}"
-            )
+        require(
+            node in where.rotation, "load", "a body or an end of one", f"{load.node!r}"
+        )
         wrench = np.atleast_2d(np.asarray(load.wrench, dtype=float))[
             ..., None
         ] * np.ones(cases)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stiffscope.errors import InputError, meant
+from stiffscope.errors import meant, require
 from stiffscope.gap.campaign.campaign import InstrumentFrame, LoadPoint, Sensor
 from stiffscope.gap.campaign.header_table import HeaderTable
 from stiffscope.gap.campaign.quantities import AXES, JOINT, QUANTITIES, WRENCH
@@ -104,8 +104,7 @@ class Header:
 
 def load_header(folder: Path) -> Header:
     """Load the campaign.toml of a folder. Raises InputError that names the line and the key."""
-    if not folder.is_dir():
-        raise InputError(f"{folder}: expected a campaign folder with a campaign.toml")
+    require(folder.is_dir(), folder, "a campaign folder with a campaign.toml")
     text = read_text(folder / NAME, "a campaign.toml")
     source = Source(Path(NAME), text)
     top = HeaderTable(source, (), parse_text(source.path, text, "a campaign.toml"))

@@ -16,9 +16,8 @@ from stiffscope.robot.file.quantities import (
 )
 
 if TYPE_CHECKING:
-    from stiffscope.errors import InputError
+    from stiffscope.errors import InputError, Key
     from stiffscope.robot.file.parse import Source
-    from stiffscope.robot.file.positions import Key
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.errors import InputError, say_count
+from stiffscope.errors import InputError, require, say_count
 from stiffscope.gap.campaign import keys as of_rows
 from stiffscope.gap.campaign import quantities as of
 from stiffscope.gap.campaign.campaign import Campaign
@@ -267,15 +267,16 @@ def _read_predictions(
     """Return the predicted values (n,) of all readings by each model of a table."""
     table = read_table(path, of_rows.check_predictions_columns, header.ignore)
     expected = parts[0].coordinates
-    if coordinates_of(table.columns, bare=True) != expected:
-        listed = " ".join(expected)
-        raise InputError(
-            f"{table.name}:1: expected the readings' own key columns ({listed})"
-        )
-    if "sigma" in table.columns:
-        raise InputError(
-            f"{table.name}:1: sigma: expected predictions, which have no sigma"
-        )
+    require(
+        coordinates_of(table.columns, bare=True) == expected,
+        f"{table.name}:1",
+        f"the readings' own key columns ({' '.join(expected)})",
+    )
+    require(
+        "sigma" not in table.columns,
+        f"{table.name}:1: sigma",
+        "predictions, which have no sigma",
+    )
     keys = of_rows.read_keys(table, header, bare=True)
     models = [
         n for n in table.columns if n not in {*expected, *WRENCH, *OPTIONAL, *AXES}

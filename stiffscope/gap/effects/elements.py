@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.gap.effects.effect import (
     Array,
     Changes,
@@ -159,10 +159,7 @@ def add_payloads(mechanism: Mechanism, payloads: Sequence[Payload]) -> Mechanism
         body = bodies[name]
         centre = np.zeros(3) if body.centre is None else body.centre
         whole = body.mass + payload.mass
-        if not whole > 0.0:
-            raise InputError(
-                f"{payload.body}: expected a mass above 0 kg, got {whole:g}"
-            )
+        require(whole > 0.0, payload.body, "a mass above 0 kg", f"{whole:g}")
         if body.elastic is not None:
             bodies[name] = replace(body, mass=whole)
             continue

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import stiffscope.gap.effects
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.gap.effects.effect import Effect, Setting
 from stiffscope.gap.effects.elements import change_robot
 from stiffscope.robot.file.parse import blame
@@ -98,10 +98,7 @@ def apply_effect(
         return robot
     known = _find_candidate(robot, effect, place, list(parameters))
     names = known.parts or known.names
-    if not parameters:
-        raise InputError(
-            f"{effect} @ {place}: expected parameters {', '.join(names)}, got none"
-        )
+    require(parameters, f"{effect} @ {place}", f"parameters {', '.join(names)}", "none")
     nominal = np.zeros(len(known.scale))
     nominal = nominal if known.parts else known.physical(nominal)
     values = dict(zip(names, nominal, strict=True)) | dict(parameters)
@@ -113,15 +110,9 @@ def apply_effect(
 
 def _check_words(effect: str, place: str, parameters: Mapping[str, float]) -> None:
     """Raise InputError for a word or a factor that no robot can have."""
-    if effect not in EFFECTS:
-        raise InputError(
-            f"effect: expected one of {', '.join(EFFECTS)}, got {effect!r}"
-        )
+    require(effect in EFFECTS, "effect", f"one of {', '.join(EFFECTS)}", f"{effect!r}")
     factor = parameters.get("factor", 1.0)
-    if not factor > 0.0:
-        raise InputError(
-            f"{effect} @ {place}, factor: expected more than 0, got {factor:g}"
-        )
+    require(factor > 0.0, f"{effect} @ {place}, factor", "more than 0", f"{factor:g}")
 
 
 def _find_candidate(

@@ -8,6 +8,7 @@ from contextlib import suppress
 from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING, Any
 
+from stiffscope.errors import FieldError, require
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.expressions import (
     check_names,
@@ -16,7 +17,7 @@ from stiffscope.robot.file.expressions import (
     parse,
     refuse_name,
 )
-from stiffscope.robot.file.parse import FieldError, blame
+from stiffscope.robot.file.parse import blame
 from stiffscope.robot.file.part_sections import PARTS
 from stiffscope.robot.file.values import Reads, measured_quantity, read_any
 
@@ -25,8 +26,8 @@ if TYPE_CHECKING:
 
     from pydantic.fields import FieldInfo
 
+    from stiffscope.errors import Key
     from stiffscope.robot.file.expressions import Expression
-    from stiffscope.robot.file.positions import Key
 
 _TEXTS = {"name", "source", "file"}  # free text, never an expression
 _MARK = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
@@ -219,10 +220,7 @@ def _parse(key: Key, text: str, known: Mapping[str, Any]) -> Expression:
 
 def _evaluate(key: Key, expression: Expression, values: Mapping[str, float]) -> float:
     for name in expression.names:
-        if name not in values:
-            raise FieldError(
-                key, f'expected names of numbers, got "{name}", which is none'
-            )
+        require(name in values, key, "names of numbers", f'"{name}", which is none')
     with blame(*key):
         known = {
             name: getattr(values[name], "powers", None) for name in expression.names

@@ -14,7 +14,7 @@ import unicodedata
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.errors import meant, say_count
+from stiffscope.errors import meant, require, say_count
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping
@@ -58,10 +58,12 @@ class Expression:
     def value(self, values: Mapping[str, float]) -> float:
         """Return its value, SI, given its names' values; ValueError unless finite and real."""
         found = _evaluate(self.tree, self.text, values)
-        if not math.isfinite(found):
-            raise ValueError(
-                "expected an expression of finite value, got one that is too large"
-            )
+        require(
+            math.isfinite(found),
+            "",
+            "an expression of finite value",
+            "one that is too large",
+        )
         return found
 
     def powers(self, known: Mapping[str, Powers | None]) -> Powers | None:
@@ -79,15 +81,18 @@ def is_expression(value: Any) -> bool:
 
 def refuse_name(name: str) -> None:
     """Raise ValueError if expressions cannot use a parameter's name."""
-    if name in FUNCTIONS or name in CONSTANTS:
-        raise ValueError(
-            f'expected another name, got "{name}", which expressions already have'
-        )
-    if not name.isidentifier() or keyword.iskeyword(name):
-        what = (
-            "a name that expressions can use (letters, digits, _; no keyword of Python)"
-        )
-        raise ValueError(f'expected {what}, got "{name}"')
+    require(
+        name not in FUNCTIONS and name not in CONSTANTS,
+        "",
+        "another name",
+        f'"{name}", which expressions already have',
+    )
+    require(
+        name.isidentifier() and not keyword.iskeyword(name),
+        "",
+        "a name that expressions can use (letters, digits, _; no keyword of Python)",
+        f'"{name}"',
+    )
 
 
 def normalize(name: str) -> str:
@@ -98,9 +103,12 @@ def normalize(name: str) -> str:
 def parse(text: str) -> Expression:
     """Parse "= …"; raise ValueError, one line, unless it is arithmetic."""
     body = " ".join(text.strip().removeprefix("=").split())
-    if len(body) > MOST_CHARACTERS:
-        most = f"at most {MOST_CHARACTERS} characters"
-        raise ValueError(f"expected an expression of {most}, got {len(body)}")
+    require(
+        len(body) <= MOST_CHARACTERS,
+        "",
+        f"an expression of at most {MOST_CHARACTERS} characters",
+        len(body),
+    )
     try:
         tree = ast.parse(body, mode="eval").body
     except SyntaxError as error:
@@ -230,10 +238,12 @@ def _operation(node: ast.expr, text: str) -> tuple[Operation, list[ast.expr]]:
             name in FUNCTIONS
         ):
             function, count = FUNCTIONS[name]
-            if len(args) != count:
-                raise ValueError(
-                    f"expected {say_count(count, 'argument')} of {name}, got {len(args)}"
-                )
+            require(
+                len(args) == count,
+                "",
+                f"{say_count(count, 'argument')} of {name}",
+                len(args),
+            )
             return function, args
     hint = (
         "; a power is **"

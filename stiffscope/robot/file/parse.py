@@ -9,12 +9,14 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
-from stiffscope.errors import InputError
-from stiffscope.robot.file.positions import Key, line_of, positions
+from stiffscope.errors import FieldError, InputError
+from stiffscope.robot.file.positions import line_of, positions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
+
+    from stiffscope.errors import Key
 
 MOST_VALUES = 50_000
 MOST_LEVELS = 30  # ample for a file written by hand
@@ -25,14 +27,6 @@ _WORD = r"(?:(?<![\w-])[\w-]+|\"[^\"\n]*\"|'[^'\n]*')"
 _DOTTED = re.compile(
     rf"(?:{_WORD}[ \t]*\.[ \t]*){{300}}"
 )  # parsing time is quadratic in depth
-
-
-class FieldError(ValueError):
-    """Error in the value of a key; `Source.refuse` adds file and line."""
-
-    def __init__(self, key: Key, message: str) -> None:
-        super().__init__(message)
-        self.key = key
 
 
 @contextmanager
@@ -214,9 +208,8 @@ def _check_size(data: dict[str, Any]) -> None:
         key, value = left.pop()
         count += 1
         if count > MOST_VALUES:
-            raise FieldError(
-                key[:1], f"expected at most {MOST_VALUES} values in a file, got more"
-            )
+            most = f"at most {MOST_VALUES} values in a file"
+            raise FieldError(key[:1], f"expected {most}, got more")
         if len(key) > MOST_LEVELS:
             most = f"at most {MOST_LEVELS} levels of tables and lists"
             raise FieldError(key, f"expected {most}, got more")

@@ -23,7 +23,7 @@ from stiffscope.cad.faces import ENDS, FaceSelector
 from stiffscope.cad.materials import AnyMaterial, Material, TransverselyIsotropic
 from stiffscope.cad.shapes import SHAPES
 from stiffscope.cad.solid import Placement, SolidParameters
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file import values as v
 from stiffscope.robot.file.values import Says, Section
@@ -275,16 +275,18 @@ class StepPart(SolidPart):
         self.placement()
         if self.interfaces is None:
             return self
-        if len(self.interfaces) < 2:
-            raise InputError(
-                f"step.interfaces: expected two or more, got {list(self.interfaces)}"
-            )
+        require(
+            len(self.interfaces) >= 2,
+            "step.interfaces",
+            "two or more",
+            list(self.interfaces),
+        )
         first = next(iter(self.interfaces))
-        if self.interfaces[first].interface == "distributed":
-            place = f"step.interfaces.{first}.interface"
-            raise InputError(
-                f"{place}: expected rigid for the first one, which is at rest"
-            )
+        require(
+            self.interfaces[first].interface != "distributed",
+            f"step.interfaces.{first}.interface",
+            "rigid for the first one, which is at rest",
+        )
         for key in ("clamped", "loaded", "reference_point"):
             if getattr(self, key) is not None:
                 raise InputError(
@@ -300,8 +302,12 @@ def _square(expected: str, size: int = 0) -> BeforeValidator:
         rows = value if isinstance(value, list | tuple) else []
         count = size or len(rows)
         listed = all(isinstance(row, list | tuple) for row in rows)
-        if not rows or not listed or {count} != {len(rows), *map(len, rows)}:
-            raise ValueError(q.expected(expected, value))
+        require(
+            rows and listed and {count} == {len(rows), *map(len, rows)},
+            "",
+            expected,
+            q.show_value(value),
+        )
         return tuple(
             tuple(q.to_si(entry, q.NUMBER, sign="any") for entry in row) for row in rows
         )

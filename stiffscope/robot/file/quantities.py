@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from stiffscope import data
+from stiffscope.errors import require
 from stiffscope.robot.file.expressions import PLAIN, Powers, fits, parse
 
 if TYPE_CHECKING:
@@ -198,8 +199,7 @@ def several(text: str, *dimensions: Dimension) -> tuple[float, ...]:
     words = text.split(",")
     count = len(dimensions)
     got = len(words)
-    if got != count:
-        raise ValueError(f"expected {count} values with commas between them, got {got}")
+    require(got == count, "", f"{count} values with commas between them", got)
     matches = map(_NUMBER.match, words)
     pairs = zip(words, matches, strict=True)
     values = [

@@ -17,7 +17,7 @@ from pydantic import (
     model_validator,
 )
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file import values as v
 from stiffscope.robot.file.element_sections import Elements
@@ -76,11 +76,12 @@ class _Drive(Section):
             )
         curve = getattr(self, "curve", None) or ()
         for (x0, f0), (x, f) in pairwise(((0.0, 0.0), *curve)):
-            if not (x > x0 and f > f0):
-                got = f"{f:g} at {x:g}"
-                raise ValueError(
-                    f"expected a curve that rises from point to point, got {got}"
-                )
+            require(
+                x > x0 and f > f0,
+                "",
+                "a curve that rises from point to point",
+                f"{f:g} at {x:g}",
+            )
         return self
 
     @property
@@ -110,10 +111,12 @@ class Gear(Section):
 
     @model_validator(mode="after")
     def _check_rising(self) -> Gear:
-        if not self.t1 < self.t2:
-            raise ValueError(
-                f"expected a torque t1 below t2, got {self.t1:g} and {self.t2:g} N*m"
-            )
+        require(
+            self.t1 < self.t2,
+            "",
+            "a torque t1 below t2",
+            f"{self.t1:g} and {self.t2:g} N*m",
+        )
         return self
 
     @property
@@ -289,10 +292,12 @@ class ToolSection(Section):
     @field_validator("pose")
     @classmethod
     def _check_distinct(cls, value: tuple[str, ...]) -> tuple[str, ...]:
-        if len(set(value)) != len(value):
-            raise ValueError(
-                f"expected each of {' '.join(AXES)} at most once, got {' '.join(value)}"
-            )
+        require(
+            len(set(value)) == len(value),
+            "",
+            f"each of {' '.join(AXES)} at most once",
+            " ".join(value),
+        )
         return value
 
 

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from stiffscope.errors import InputError, meant
+from stiffscope.errors import FieldError, InputError, meant
 from stiffscope.robot.file import quantities as q
-from stiffscope.robot.file.parse import FieldError, split_place
+from stiffscope.robot.file.parse import split_place
 from stiffscope.robot.file.values import Reads, Says
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from stiffscope.robot.file.positions import Key
+    from stiffscope.errors import Key
 
 Model = TypeVar("Model", bound=BaseModel)
 _EXPECTED = {

@@ -6,12 +6,12 @@ from itertools import chain
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.errors import InputError
+from stiffscope.errors import FieldError, InputError, require
 from stiffscope.fea.superelement_files import read_superelement
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file import sections
 from stiffscope.robot.file.description import RobotFile, find_element
-from stiffscope.robot.file.parse import FieldError, blame
+from stiffscope.robot.file.parse import blame
 from stiffscope.robot.file.part_sections import (
     PARTS,
     Fibrous,
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from stiffscope.cad.materials import AnyMaterial
+    from stiffscope.errors import Key
     from stiffscope.robot.file.description import Turned
     from stiffscope.robot.file.parse import Source
     from stiffscope.robot.file.part_sections import PartSection
-    from stiffscope.robot.file.positions import Key
 
 LISTS = ("copies", "effects")
 _DEEPEST = 30  # groups within each other
@@ -66,10 +66,13 @@ def check_top(data: Mapping[str, Any]) -> None:
         if not isinstance(data[key], kind):
             raise FieldError((key,), q.expected(what, data[key]))
         for name in data[key] if kind is dict else ():
-            if not name.isprintable():  # a terminal would obey it
-                raise FieldError(
-                    (key, name), q.expected("a name of printable characters", name)
-                )
+            # a terminal would obey it
+            require(
+                name.isprintable(),
+                (key, name),
+                "a name of printable characters",
+                q.show_value(name),
+            )
 
 
 def validate(
@@ -164,9 +167,12 @@ def _read_part(name: str, table: Any, folder: Path) -> PartSection:
 def _with_matrices(table: dict[str, Any], folder: Path, key: Key) -> dict[str, Any]:
     """Add interfaces and matrices of its file to a part's table; own interfaces take precedence."""
     for other in ("stiffness", "mass_matrix", "mode_squares", "matrix"):
-        if other in table:
-            message = "expected none beside a file, which holds the matrices, got one"
-            raise FieldError((*key, other), message)
+        require(
+            other not in table,
+            (*key, other),
+            "none beside a file, which holds the matrices",
+            "one",
+        )
     if not isinstance(table["file"], str):
         raise FieldError(
             (*key, "file"), q.expected('a path such as "bracket.npz"', table["file"])
@@ -174,18 +180,22 @@ def _with_matrices(table: dict[str, Any], folder: Path, key: Key) -> dict[str, A
     with blame(*key, "file"):
         found = read_superelement(folder / table["file"])
         interfaces = table.get("interfaces", found.interfaces)
-        if not interfaces:
-            what = "interfaces beside a file that names none, in the order of its rows"
-            raise ValueError(f"expected {what}, got nothing")
+        require(
+            interfaces,
+            "",
+            "interfaces beside a file that names none, in the order of its rows",
+            "nothing",
+        )
         if not isinstance(interfaces, dict):
             raise FieldError(
                 (*key, "interfaces"), q.expected("a table of places", interfaces)
             )
-        if found.interfaces and len(interfaces) != len(found.interfaces):
-            wanted = f"{len(found.interfaces)}, as the file has nodes"
-            raise FieldError(
-                (*key, "interfaces"), f"expected {wanted}, got {len(interfaces)}"
-            )
+        require(
+            len(interfaces) == len(found.interfaces or interfaces),
+            (*key, "interfaces"),
+            f"{len(found.interfaces)}, as the file has nodes",
+            len(interfaces),
+        )
         ends = 6 * len(interfaces)
         shape = found.stiffness.shape
         square = shape == shape[:1] * 2 and shape[0] >= ends
@@ -211,10 +221,7 @@ def _choose(
     """Return the kind of a table, given by its key ``word``; raise FieldError if invalid."""
     if not isinstance(table, dict):
         raise FieldError(key, q.expected("a table", table))
-    if word not in table:
-        raise FieldError(
-            (*key, word), f"expected {what} ({', '.join(valid)}), got nothing"
-        )
+    require(word in table, (*key, word), f"{what} ({', '.join(valid)})", "nothing")
     with blame(*key, word):
         return one_of(table[word], valid, what)
 
@@ -248,9 +255,12 @@ def _read_joint(name: str, table: Any) -> sections.JointSection:
     driven = [
         each for each, model in sections.JOINTS.items() if "drive" in model.model_fields
     ]
-    if "drive" in table and kind not in driven:
-        what = f"a joint that a drive can move ({', '.join(driven)})"
-        raise FieldError((*key, "drive"), f"expected {what}, got a {kind} one")
+    require(
+        "drive" not in table or kind in driven,
+        (*key, "drive"),
+        f"a joint that a drive can move ({', '.join(driven)})",
+        f"a {kind} one",
+    )
     return read_table(sections.JOINTS[kind], table, key)
 
 
@@ -276,10 +286,9 @@ def _read_groups(
     elements = [*bodies, *joints]
     for name, listed in table.items():
         key = ("groups", name)
-        if name in elements:
-            raise FieldError(
-                key, f'expected a name that no body or joint has, got "{name}"'
-            )
+        require(
+            name not in elements, key, "a name that no body or joint has", f'"{name}"'
+        )
         if not isinstance(listed, list):
             raise FieldError(key, q.expected("a list of bodies and joints", listed))
         for number, each in enumerate(listed):
@@ -291,16 +300,18 @@ def _read_groups(
     found: dict[str, tuple[str, ...]] = {}
 
     def members(name: str, above: tuple[str, ...] = ()) -> tuple[str, ...]:
-        if name in above:
-            circle = " -> ".join((*above, name))
-            raise FieldError(
-                ("groups", name), f"expected no group within itself, got {circle}"
-            )
-        if len(above) > _DEEPEST:
-            raise FieldError(
-                ("groups", above[0]),
-                f"expected at most {_DEEPEST} groups within each other, got more",
-            )
+        require(
+            name not in above,
+            ("groups", name),
+            "no group within itself",
+            " -> ".join((*above, name)),
+        )
+        require(
+            len(above) <= _DEEPEST,
+            ("groups", *above[:1]),
+            f"at most {_DEEPEST} groups within each other",
+            "more",
+        )
         if name not in found:
             parts = (
                 members(each, (*above, name))
@@ -343,14 +354,14 @@ def _read_map(table: Any, tool: sections.ToolSection) -> sections.MapSection:
     swept = found.ranges()
     known = " ".join(tool.pose)
     for name in swept:
-        if name not in tool.pose:
-            message = f"expected coordinates of the pose ({known}), got {name}"
-            raise FieldError(("map", name), message)
-    if len(swept) != 2:
-        got = " ".join(swept) or "none"
-        raise FieldError(
-            ("map",),
-            f"expected two coordinates of the pose ({known}) to sweep, got {got}",
+        require(
+            name in tool.pose, ("map", name), f"coordinates of the pose ({known})", name
         )
+    require(
+        len(swept) == 2,
+        ("map",),
+        f"two coordinates of the pose ({known}) to sweep",
+        " ".join(swept) or "none",
+    )
     at = None if found.at is None else read_pose(found.at, tool, ("map", "at"))
     return found.model_copy(update={"at": at})

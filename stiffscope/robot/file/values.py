@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict
 
+from stiffscope.errors import require
 from stiffscope.fea.settings import MOST_LAYERS
 from stiffscope.robot.file import quantities as q
 
@@ -113,18 +114,14 @@ def _whole(
     """What reads a whole number from 1 on."""
 
     def read(value: Any) -> int:
-        if not 1 <= parse_whole(value) <= most:
-            raise ValueError(q.expected(expected, value))
+        require(1 <= parse_whole(value) <= most, "", expected, q.show_value(value))
         return parse_whole(value)
 
     return Reads(read, says=says)
 
 
 def _own_mass(value: Any) -> float:
-    if value == "cad":
-        raise ValueError(
-            'expected a mass such as "80 g", got "cad", which is for solids'
-        )
+    require(value != "cad", "", 'a mass such as "80 g"', '"cad", which is for solids')
     return q.to_si(value, q.MASS, sign="non-negative")
 
 
@@ -150,9 +147,13 @@ def _or_word(
 
 def _tolerance(value: Any) -> float:
     share = q.to_si(value, q.SHARE)
-    if not 1e-6 <= share < 1:  # below 1e-6 rounding dominates
-        what = f'a share from 1e-6 to below 1 such as "{q.SHARE.example}"'
-        raise ValueError(q.expected(what, value))
+    # below 1e-6 rounding dominates
+    require(
+        1e-6 <= share < 1,
+        "",
+        f'a share from 1e-6 to below 1 such as "{q.SHARE.example}"',
+        q.show_value(value),
+    )
     return share
 
 
@@ -184,9 +185,12 @@ def _direction(value: Any) -> Any:
     if isinstance(value, list | tuple) and len(value) == 3:
         numbers = [q.to_si(item, q.NUMBER, sign="any") for item in value]
         length = math.hypot(*numbers)
-        if not 1e-9 < length < 1e9:
-            got = f"one of length {length:g}, {q.show_value(value)}"
-            raise ValueError(f"expected a direction such as [0, 0, 1], got {got}")
+        require(
+            1e-9 < length < 1e9,
+            "",
+            "a direction such as [0, 0, 1]",
+            f"one of length {length:g}, {q.show_value(value)}",
+        )
     return value
 
 
