@@ -2,8 +2,11 @@
 
 import difflib
 import re
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 Key = tuple[str | int, ...]
 """Keys of the tables around a value and its own, outermost first."""
@@ -65,14 +68,34 @@ def require(valid: object, where: object, expected: str, got: object = None) -> 
     expected, got
         The valid and the given, in words; without ``got`` only what is expected is said.
     """
-    if valid:
-        return
-    message = (
-        f"expected {expected}" if got is None else f"expected {expected}, got {got}"
-    )
+    if not valid:
+        raise _error(where, expected, got)
+
+
+def require_given(
+    value: T | None, where: object, expected: str, got: object = "nothing"
+) -> T:
+    """Return a value; raise the error of `require` if it is None."""
+    if value is None:
+        raise _error(where, expected, got)
+    return value
+
+
+def _error(where: object, expected: str, got: object) -> FieldError | InputError:
+    message = f"expected {expected}" + ("" if got is None else f", got {got}")
     if isinstance(where, tuple):
-        raise FieldError(where, message)
-    raise InputError(f"{where}: {message}" if str(where) else message)
+        return FieldError(where, message)
+    return InputError(f"{where}: {message}" if str(where) else message)
+
+
+@contextmanager
+def naming(where: object, expected: str = "") -> Iterator[None]:
+    """Convert a ValueError in the block to an InputError that names the place, and what is expected there."""
+    try:
+        yield
+    except ValueError as error:
+        form = f"; expected {expected}" if expected else ""
+        raise InputError(f"{where}: {error}{form}") from error
 
 
 def check_kind(name: str, value: object, kind: Any, maker: str) -> None:

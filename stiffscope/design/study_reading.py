@@ -26,7 +26,7 @@ from stiffscope.design.study_file import (
     Variable,
     round_off,
 )
-from stiffscope.errors import FieldError, InputError, require
+from stiffscope.errors import FieldError, InputError, require, require_given
 from stiffscope.lobes.chatter import check_cut
 from stiffscope.path.job import load_job
 from stiffscope.robot.file import quantities as q
@@ -34,6 +34,7 @@ from stiffscope.robot.file.expressions import parse
 from stiffscope.robot.file.override import write_override
 from stiffscope.robot.file.parse import Source, blame, parse_text
 from stiffscope.robot.file.tables import one_of, read_table
+from stiffscope.robot.file.validate import read_pose
 from stiffscope.robot.file.values import (
     Reads,
     Says,
@@ -44,7 +45,7 @@ from stiffscope.robot.file.values import (
 )
 from stiffscope.robot.mechanism_of import configured_poses, rigid_mechanism
 from stiffscope.robot.parameters import parameters
-from stiffscope.robot.reader import load_robot_of, pose_of, read_robot
+from stiffscope.robot.reader import load_robot_of, read_robot
 from stiffscope.runtime import reading
 
 if TYPE_CHECKING:
@@ -105,6 +106,8 @@ class StudySection(Section):
 class RangeSection(Section):
     """A parameter as a table: a range with its number of grid points, or a list of values."""
 
+    exactly_one = (("range", "values"),)
+
     range: Annotated[list[Any] | None, Says(RANGE)] = None
     steps: Number = 5
     values: Annotated[
@@ -114,13 +117,14 @@ class RangeSection(Section):
     @field_validator("values")
     @classmethod
     def _some(cls, value: list[Any] | None) -> list[Any] | None:
-        if value is not None and not value:
-            raise ValueError("expected one value at least, got []")
+        require(value != [], "", "one value at least", "[]")
         return value
 
 
 class ResponseSection(Section):
     """A response as a table; a text alone is its `of`, with the worst value over the named poses."""
+
+    excludes = {"path": ("at",)}  # noqa: RUF012 (not a field)
 
     of: Annotated[
         str, Says('an expression over quantities such as "K_tx" or "K_tx/mass"')
@@ -234,37 +238,29 @@ def _list_entries(
     return found
 
 
-def _refuse(key: Key, expected: str, got: Any) -> FieldError:
-    """Return the error for a value of the file."""
-    return FieldError(key, f"expected {expected}, got {q.show_value(got)}")
-
-
 def _read_variable(
     key: Key, name: str, given: Any, robot: RobotFile, top: StudySection
 ) -> Variable:
     table = given if isinstance(given, dict) else {"range": given}
     found = read_table(RangeSection, table, key)
-    if (found.range is None) == (found.values is None):
-        raise _refuse(key, f"{RANGE}, or a table with range or values", given)
     known = {each.name: each for each in parameters(robot, top.components)}
     texts = (found.range if found.values is None else found.values) or []
-    if found.values is None and len(texts) != 2:
-        raise _refuse(key, f"{RANGE}, two ends", texts)
+    shown = q.show_value(texts)
+    require(found.range is None or len(texts) == 2, key, f"{RANGE}, two ends", shown)
     _check_takes(name, texts, robot, key)
     unit = known[name].unit if name in known else unit_of(texts[0])
     read = _read_number if found.values is None else _read_value
     values = tuple(read(each, key) for each in texts)
-    if len({isinstance(each, str) for each in values}) > 1:
-        raise _refuse(key, "values that are all numbers or all words", texts)
+    alike = len({isinstance(each, str) for each in values}) == 1
+    require(alike, key, "values that are all numbers or all words", shown)
     others = [each for each in texts if isinstance(each, str) and unit_of(each) != unit]
-    if others and not isinstance(values[0], str):
-        what = f"{RANGE}, both ends" if found.values is None else "values that are all"
-        raise _refuse(key, f"{what} in {unit}", texts)
+    what = f"{RANGE}, both ends" if found.values is None else "values that are all"
+    is_word = isinstance(values[0], str)
+    require(is_word or not others, key, f"{what} in {unit}", shown)
     if found.values is not None:
         return Variable(name, unit, values)
     low, high = map(float, values)
-    if not low < high:
-        raise _refuse(key, f"{RANGE}, the lower end first", texts)
+    require(low < high, key, f"{RANGE}, the lower end first", shown)
     levels = tuple(
         round_off(float(each)) for each in np.linspace(low, high, found.steps)
     )
@@ -306,9 +302,8 @@ def _check_takes(name: str, texts: list[Any], robot: RobotFile, key: Key) -> Non
             continue
         changed = made.source.changed.keys() - source.changed
         copied = [each[1] for each in changed if each[1] in made.copied]
-        if copied:
-            got = f'"{copied[0]}", a copy: vary its original'
-            raise FieldError(key, f"expected what the robot file writes, got {got}")
+        got = f'"{"".join(copied[:1])}", a copy: vary its original'
+        require(not copied, key, "what the robot file writes", got)
         if not is_word:
             return
         valid = True
@@ -342,28 +337,25 @@ def _read_response(
     if alone:
         unit = units[alone]
         take = take or worst_of(alone)
-    if unit is None:
-        expected = 'the SI unit of the expression such as "N/m/kg"'
-        raise FieldError(of_unit, f"expected {expected}, got nothing")
-    given = measured = None
+    example = 'the SI unit of the expression such as "N/m/kg"'
+    unit = require_given(unit, of_unit, example)
+    stated = measured = None
     with suppress(ValueError):
-        given = q.powers_of(unit)
+        stated = q.powers_of(unit)
     with suppress(ValueError):  # an index may be a sum of unlike quantities
         measured = expression.powers(
             {each: q.powers_of(units[each]) for each in expression.names}
         )
-    if given is None:
-        raise _refuse(of_unit, 'a product of SI units such as "N/m/kg"', unit)
-    if (
-        unit != "1"
-        and measured is not None
-        and not np.allclose(given[:-1], measured[:-1])
-    ):
-        what = f"a unit of {q.show_powers(measured)}, which {expression.text} measures"
-        raise _refuse(of_unit, what, unit)
+    example = 'a product of SI units such as "N/m/kg"'
+    stated = require_given(stated, of_unit, example, q.show_value(unit))
+    if unit != "1" and measured is not None:
+        require(
+            np.allclose(stated[:-1], measured[:-1]),
+            of_unit,
+            f"a unit of {q.show_powers(measured)}, which {expression.text} measures",
+            q.show_value(unit),
+        )
     if job is not None:
-        if found.at is not None:
-            raise _refuse((*key, "at"), "none beside a path", found.at)
         points = np.flatnonzero(job.path.acting)
         if CRITICAL in expression.names:
             with blame(*key, "path"):
@@ -371,9 +363,9 @@ def _read_response(
         take = found.take or ("least" if alone == CRITICAL else "worst")
         return Response(name, expression, unit, tuple(points.tolist()), take, job)
     at = [poses.setdefault(pose, len(poses)) for pose in _list_poses(found, robot, key)]
-    if take is None and len(at) > 1:
+    if len(at) > 1:
         which = "least, greatest, mean, worst or rms: what of several poses counts"
-        raise FieldError((*key, "take"), f"expected {which}, got nothing")
+        take = require_given(take, (*key, "take"), which)
     return Response(name, expression, unit, tuple(at), take or "least")
 
 
@@ -384,23 +376,21 @@ def _list_poses(found: ResponseSection, robot: RobotFile, key: Key) -> list[Pose
     names = list(robot.poses) if found.at is None else found.at
     if isinstance(names, str):
         names = [names]
-    if not isinstance(names, list) or not names:
-        raise _refuse(where, 'names of poses, numbers in a list, or "map"', found.at)
+    what = 'names of poses, numbers in a list, or "map"'
+    listed = isinstance(names, list) and names
+    require(listed, where, what, q.show_value(found.at))
     numeric = (
         re.match(r"\s*[-+.\d]", str(names[0])) and names[0] not in robot.known_poses
     )
     chosen = [names] if numeric else names
     out: list[Pose] = []
     for each in names if isinstance(found.at, str) else chosen:
-        try:
-            named = not isinstance(each, list)
+        with blame(*where):
             out.append(
-                one_of(each, robot.known_poses, "a pose")
-                if named
-                else pose_of(robot, each)
+                read_pose(each, robot.tool, where)
+                if isinstance(each, list)
+                else one_of(each, robot.known_poses, "a pose")
             )
-        except (InputError, ValueError) as error:
-            raise FieldError(where, str(error).removeprefix("--at: ")) from error
     numbers = [
         robot.known_poses[each] if isinstance(each, str) else each for each in out
     ]
@@ -413,18 +403,13 @@ def _list_poses(found: ResponseSection, robot: RobotFile, key: Key) -> list[Pose
 
 def _list_grid(robot: RobotFile, points: int, where: Key) -> list[Pose]:
     """Return the map points reachable for the nominal robot; a design must reach all of them."""
-    if robot.map is None:
-        raise FieldError(where, f"expected a pose: {robot.path} has no [map], got map")
+    swept = require_given(robot.map, where, f"a pose: {robot.path} has no [map]", "map")
     mechanism = rigid_mechanism(robot)
-    ranges = robot.map.ranges()
+    ranges = swept.ranges()
     mesh = np.meshgrid(
         *(np.linspace(*ends, points) for ends in ranges.values()), indexing="ij"
     )
-    base = (
-        mechanism.tool.home
-        if robot.map.at is None
-        else np.array(robot.map.at, dtype=float)
-    )
+    base = mechanism.tool.home if swept.at is None else np.array(swept.at, dtype=float)
     grid = np.tile(base, (mesh[0].size, 1))
     for name, values in zip(ranges, mesh, strict=True):
         grid[:, robot.tool.pose.index(name)] = values.ravel()
@@ -435,10 +420,8 @@ def _list_grid(robot: RobotFile, points: int, where: Key) -> list[Pose]:
 
 def _read_limit(text: str, number: int, units: dict[str, str]) -> Limit:
     key: Key = ("constraints", number)
-    match = _LIMIT.fullmatch(text)
-    if match is None:
-        form = 'RESPONSE <= VALUE or RESPONSE >= VALUE such as "mass <= 3 kg"'
-        raise FieldError(key, f'expected {form}, got "{text}"')
+    form = 'RESPONSE <= VALUE or RESPONSE >= VALUE such as "mass <= 3 kg"'
+    match = require_given(_LIMIT.fullmatch(text), key, form, f'"{text}"')
     name, relation, value = match.groups()
     with blame(*key):
         unit = units[one_of(name, units, "a response")]
@@ -460,27 +443,20 @@ def _read_goals(top: StudySection, units: dict[str, str]) -> tuple[Goal, ...]:
         for number, name in enumerate(getattr(top, word)):
             with blame(word, number):
                 found.append(Goal(one_of(name, units, "a response"), sign))
-    if top.method == "optimum" and len(found) != 1:
-        raise _refuse(
-            ("method",),
-            "one response to minimize or maximize for an optimum",
-            len(found),
-        )
-    if top.method == "pareto" and len(found) < 2:
-        raise _refuse(
-            ("method",), "two or more to minimize and maximize for pareto", len(found)
-        )
+    count = len(found)
+    one = "one response to minimize or maximize for an optimum"
+    require(top.method != "optimum" or count == 1, ("method",), one, count)
+    two = "two or more to minimize and maximize for pareto"
+    require(top.method != "pareto" or count > 1, ("method",), two, count)
     return tuple(found)
 
 
 def _count_designs(top: StudySection, variables: tuple[Variable, ...]) -> int:
     if top.method != "grid":
         return top.designs or DESIGNS[top.method]
-    if top.designs is not None:
-        raise FieldError(
-            ("designs",), "expected none for a grid, whose ranges have steps and values"
-        )
+    none = "none for a grid, whose ranges have steps and values"
+    require(top.designs is None, ("designs",), none, top.designs)
     count = math.prod(len(variable.levels) for variable in variables)
-    if count > MOST_DESIGNS:
-        raise _refuse(("method",), f"a grid of at most {MOST_DESIGNS} designs", count)
+    most = f"a grid of at most {MOST_DESIGNS} designs"
+    require(count <= MOST_DESIGNS, ("method",), most, count)
     return count

@@ -144,12 +144,10 @@ def _read_line(state: _State, line: str, here: str, step: float) -> Iterator[Arr
     if ("G", 4.0) in ((letter, float(number)) for letter, number in words):
         return  # a dwell: X is a time
     axes = [letter for letter in "XYZ" if letter in values]
-    turned = [letter for letter in "ABCUVW" if values.get(letter)]
-    if turned:
-        word = f"{turned[0]}{values[turned[0]]:g}"
-        raise InputError(
-            f"{here}: {turned[0]}: expected moves in X, Y and Z alone, got {word}"
-        )
+    for letter in "ABCUVW":
+        turned = values.get(letter, 0.0)
+        got = f"{letter}{turned:g}"
+        require(not turned, f"{here}: {letter}", "moves in X, Y and Z alone", got)
     if not axes and not (state.move > 1 and {"I", "J", "K"} & set(values)):
         return
     end = state.at.copy()

@@ -11,7 +11,7 @@ from pydantic import Field, create_model
 from scipy.spatial.transform import Rotation
 
 from stiffscope.cad.materials import MATERIALS
-from stiffscope.errors import require
+from stiffscope.errors import require, require_given
 from stiffscope.path.cutting import (
     cutting_materials,
     drill,
@@ -67,6 +67,8 @@ class ForceSection(Section):
 class _Cut(Section):
     """Common keys of all cuts: a material by name, or kc1 and mc."""
 
+    excludes = {"material": ("kc1", "mc")}  # noqa: RUF012 (not a field)
+
     material: Cut | None = None
     kc1: Stress | None = None
     mc: Share | None = None
@@ -76,12 +78,6 @@ class _Cut(Section):
 
     def law(self) -> tuple[float, float]:
         """Return specific cutting force, Pa, and exponent. Raise ValueError if inconsistent."""
-        own = [name for name in ("kc1", "mc") if getattr(self, name) is not None]
-        if self.material is not None and own:
-            got = f"a material and {' and '.join(own)}"
-            raise ValueError(
-                f"cut.{own[0]}: expected a material, or kc1 and mc, got {got}"
-            )
         edge = np.pi * self.diameter * self.speed
         require(
             edge <= FASTEST,
@@ -97,14 +93,19 @@ class _Cut(Section):
                 f"{self.mc:g}",
             )
             return self.kc1, self.mc
-        if self.material is None:
-            got = own[0] if own else "neither"
-            raise ValueError(f"expected a material, or kc1 and mc, got {got}")
-        return cutting_materials()[self.material]
+        own = "kc1" if self.kc1 else "mc" if self.mc else "neither"
+        material = require_given(self.material, "", "a material, or kc1 and mc", own)
+        return cutting_materials()[material]
 
 
 class _EdgeCut(_Cut):
     """Common keys of cuts by an edge: ``kt`` instead of a material, and ratios of forces."""
+
+    excludes = {  # noqa: RUF012 (not a field)
+        **_Cut.excludes,
+        "kt": ("material", "kc1", "mc"),
+        "kr": ("radial",),
+    }
 
     kt: Annotated[
         Stress | None,
@@ -117,12 +118,7 @@ class _EdgeCut(_Cut):
 
     def law(self) -> tuple[float, float]:
         """Return specific cutting force, Pa, and exponent; ``kt`` does not depend on the chip."""
-        if self.kt is None:
-            return super().law()
-        own = [name for name in ("material", "kc1", "mc") if getattr(self, name)]
-        if own:
-            raise ValueError(f"cut.kt: expected kt or {own[0]}, got both")
-        return self.kt, 0.0
+        return super().law() if self.kt is None else (self.kt, 0.0)
 
     def specific_force(self, chip: float) -> float:
         """Return the specific cutting force, Pa, at a chip thickness, m."""
@@ -130,11 +126,8 @@ class _EdgeCut(_Cut):
 
     @property
     def radial_ratio(self) -> float:
-        """Radial over tangential force. Raise ValueError if it is given twice."""
-        if self.kr is None:
-            return self.radial
-        require("radial" not in self.model_fields_set, "cut.kr", "kr or radial", "both")
-        return self.kr
+        """Radial over tangential force."""
+        return self.radial if self.kr is None else self.kr
 
     @property
     def geometry(self) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import FieldError, InputError, require
+from stiffscope.errors import FieldError, require
 from stiffscope.path.gcode import (
     MOST_POINTS,
     Program,
@@ -265,13 +265,13 @@ def _of_program(
     values = places[:, [COORDINATES.index(name) for name in pose]]
     for k, name in enumerate(COORDINATES[:3]):
         moved = np.abs(world[:, k] - home[name]) > 1e-9
-        if name not in pose and moved.any():
-            row = int(np.argmax(moved))
-            expected = f"points that the robot reaches, whose {name} is {1e3 * home[name]:g} mm"
-            got = f"{1e3 * world[row, k]:g} mm (at, x and y place the program)"
-            raise InputError(
-                f"{path.name}:{program.line[row] + 1}: expected {expected}, got {got}"
-            )
+        row = int(np.argmax(moved))
+        require(
+            name in pose or not moved.any(),
+            f"{path.name}:{program.line[row] + 1}",
+            f"points that the robot reaches, whose {name} is {1e3 * home[name]:g} mm",
+            f"{1e3 * world[row, k]:g} mm (at, x and y place the program)",
+        )
     feed = program.feed if np.isfinite(program.feed[~program.rapid]).any() else None
     lines = (program.line + 1).tolist()
     factors = {str(name): 1.0 for name in pose}

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.cad.checks import mm
-from stiffscope.errors import FieldError, InputError, require
+from stiffscope.errors import FieldError, InputError, require, require_given
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.copies import tensor
 from stiffscope.robot.file.description import ENDS, GROUND, HOME
@@ -99,20 +99,28 @@ def _check_elastic(robot: RobotFile, name: str, body: ElasticBody) -> None:
         f"the same, {list(body.tip)} m",
     )
     length = part.span
-    if length is not None and abs(length - size) > SAME_LENGTH * length:
-        what = f"a tip {mm(length)} from the base, as part {body.part} is long, to {SAME_LENGTH:.2%}"
-        raise FieldError((*key, "tip"), f"expected {what}, got {mm(size)}")
-    if body.y is None:
-        if not (isinstance(part, ParametricPart) and part.made.is_round):
-            what = f"a direction across a {part.shape} part, such as [0, 1, 0]"
-            raise FieldError((*key, "y"), f"expected {what}, got nothing")
-    elif np.linalg.norm(np.cross(along / size, body.y)) < _PARALLEL * np.linalg.norm(
-        body.y
-    ):
-        what = "a direction across the line from base to tip"
-        raise FieldError(
-            (*key, "y"), f"expected {what}, got one along it, {list(body.y)}"
+    if length is not None:
+        require(
+            abs(length - size) <= SAME_LENGTH * length,
+            (*key, "tip"),
+            f"a tip {mm(length)} from the base, as part {body.part} is long, to {SAME_LENGTH:.2%}",
+            mm(size),
         )
+    if body.y is None:
+        require(
+            isinstance(part, ParametricPart) and part.made.is_round,
+            (*key, "y"),
+            f"a direction across a {part.shape} part, such as [0, 1, 0]",
+            "nothing",
+        )
+        return
+    across = np.linalg.norm(np.cross(along / size, body.y)) / np.linalg.norm(body.y)
+    require(
+        across >= _PARALLEL,
+        (*key, "y"),
+        "a direction across the line from base to tip",
+        f"one along it, {list(body.y)}",
+    )
 
 
 def _check_rigid(robot: RobotFile, name: str, body: RigidBody) -> None:
@@ -135,9 +143,9 @@ def _check_rigid(robot: RobotFile, name: str, body: RigidBody) -> None:
         require(
             file.is_file(), (*key, "mesh"), "a file for pictures", f"none at {file}"
         )
-    if body.mass and body.centre is None:
+    if body.mass:
         what = f"a point where the mass of {body.mass:g} kg acts"
-        raise FieldError((*key, "centre"), f"expected {what}, got nothing")
+        require_given(body.centre, (*key, "centre"), what)
     if body.inertia is not None:
         require(body.mass, (*key, "mass"), "a mass above 0 kg beside an inertia", "0")
         with blame(*key, "inertia"):
@@ -152,10 +160,12 @@ def _check_inertia(inertia: tuple[float, ...]) -> None:
         "no negative principal moment",
         f"{least:.6g} kg·m²",
     )
-    if most > (least + middle) * (1.0 + 1e-3):  # tolerates rounded numbers
-        got = f"{least:.6g}, {middle:.6g}, {most:.6g} kg·m²"
-        what = "principal moments of which none exceeds the sum of the others"
-        raise ValueError(f"expected {what}, got {got}")
+    require(
+        most <= (least + middle) * (1.0 + 1e-3),  # tolerates rounded numbers
+        "",
+        "principal moments of which none exceeds the sum of the others",
+        f"{least:.6g}, {middle:.6g}, {most:.6g} kg·m²",
+    )
 
 
 def _check_joint(robot: RobotFile, name: str, known: Mapping[str, str]) -> None:
@@ -192,9 +202,12 @@ def _check_bearing(robot: RobotFile, name: str) -> None:
     joint = robot.joints[name]
     key = ("joints", name)
     if joint.bearing is not None:
-        if joint.compliance is not None:
-            message = "expected none beside a bearing, whose data give it, got one"
-            raise FieldError((*key, "compliance"), message)
+        require(
+            joint.compliance is None,
+            (*key, "compliance"),
+            "none beside a bearing, whose data give it",
+            "one",
+        )
         with blame(*key, "bearing", inner=True):
             joint.yielding(written_axes(robot, name))
     if getattr(joint, "drive", None) is None or joint.compliance is None:
@@ -206,10 +219,12 @@ def _check_bearing(robot: RobotFile, name: str) -> None:
         if isinstance(given, Bearing)
         else given[along]
     )
-    if free:
-        inner = "axial" if isinstance(given, Bearing) else along
-        what = "0 along what the drive moves, which has the drive's stiffness"
-        raise FieldError((*key, "compliance", inner), f"expected {what}, got {free:g}")
+    require(
+        not free,
+        (*key, "compliance", "axial" if isinstance(given, Bearing) else along),
+        "0 along what the drive moves, which has the drive's stiffness",
+        f"{free:g}",
+    )
 
 
 def _check_node(
@@ -218,17 +233,15 @@ def _check_node(
     """Raise FieldError unless a name is a rigid body or an end of an elastic one."""
     if name in known:
         return
-    ends = robot.ends(name)
-    if ends:
-        listed = " or ".join(f'"{name}.{end}"' for end in ends)
-        raise FieldError(
-            key, f'expected an end of the elastic body, {listed}, got "{name}"'
-        )
+    listed = " or ".join(f'"{name}.{end}"' for end in robot.ends(name))
+    require(not listed, key, f"an end of the elastic body, {listed}", f'"{name}"')
     for end in ENDS:
         body = name.removesuffix(f".{end}")
-        if body != name and isinstance(robot.bodies.get(body), RigidBody):
-            raise FieldError(
-                key, q.expected(f'"{body}", which is rigid and has no ends', name)
-            )
+        require(
+            body == name or not isinstance(robot.bodies.get(body), RigidBody),
+            key,
+            f'"{body}", which is rigid and has no ends',
+            f'"{name}"',
+        )
     with blame(*key):
         one_of(name, known, "a body or an end of one")

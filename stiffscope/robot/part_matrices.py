@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol, get_args
 import numpy as np
 
 from stiffscope.data import FOLDER
-from stiffscope.errors import InputError, check_kind, require
+from stiffscope.errors import check_kind, require
 from stiffscope.fea.beam import euler_bernoulli, timoshenko
 from stiffscope.robot.beam_dynamics import beam_dynamics
 from stiffscope.robot.file.description import RobotFile
@@ -114,10 +114,12 @@ def part_sources(
     Raises InputError if `components` has an invalid part, source or matrix.
     """
     check_kind("robot", robot, RobotFile, "load_robot")
-    if not isinstance(components, Mapping | str | None):
-        raise InputError(
-            f"components: expected a source, or by part a source or a matrix, got {components!r}"
-        )
+    require(
+        isinstance(components, Mapping | str | None),
+        "components",
+        "a source, or by part a source or a matrix",
+        repr(components),
+    )
     used = used_parts(robot)
     given = components if isinstance(components, Mapping) else {}
     word = components if isinstance(components, str) else None
@@ -127,10 +129,12 @@ def part_sources(
         )
     known = get_args(Source)
     for each in (word, *given.values()):
-        if isinstance(each, str) and each not in known:
-            raise InputError(
-                f"components: expected {', '.join(known)} or a matrix, got {each!r}"
-            )
+        require(
+            not isinstance(each, str) or each in known,
+            "components",
+            f"{', '.join(known)} or a matrix",
+            repr(each),
+        )
     sources: dict[str, str | np.ndarray] = {}
     for name in used:
         part = robot.parts[name]
@@ -139,11 +143,15 @@ def part_sources(
             sources[name] = check_compliance(
                 own, f"components: {name}", semidefinite=True
             )
-        elif not own or own in part.sources:
-            sources[name] = source_of(part, own or word)
         else:
-            what = f"{' or '.join([*part.sources, 'a matrix'])} for {name}, a {part.shape} part"
-            raise InputError(f"components: expected {what}, got {own!r}")
+            valid = " or ".join([*part.sources, "a matrix"])
+            require(
+                not own or own in part.sources,
+                "components",
+                f"{valid} for {name}, a {part.shape} part",
+                repr(own),
+            )
+            sources[name] = source_of(part, own or word)
     return sources
 
 

@@ -74,8 +74,9 @@ def _resolve(path: str | Path) -> Path:
 def check_file(path: Path) -> None:
     """Raise InputError early for a file that `write_bytes` cannot write."""
     with refusing(path):
-        if os.path.isdir(path):  # noqa: PTH112 (pathlib's raise for some names)
-            raise InputError(f"{show_path(path)}: is a folder; give a file")
+        # pathlib's own raises for some names
+        is_folder = os.path.isdir(path)  # noqa: PTH112
+        require(not is_folder, show_path(path), "a file to write", "a folder")
         if not _is_stream(path):
             with scratch_folder(_resolve(path).parent) as folder:
                 (folder / path.name).touch()
@@ -282,25 +283,24 @@ def check_output(target: str | Path, *others: str | Path | None) -> None:
         _check_place(target, goal, there=there)
         for other in filter(None, others):
             with refusing(other):
-                if _resolve(other).is_relative_to(goal):
-                    what = f"is in {target}, which is replaced as a whole"
-                    raise InputError(f"{other}: {what}; give a file elsewhere")
+                require(
+                    not _resolve(other).is_relative_to(goal),
+                    other,
+                    f"a file outside {target}, which is replaced as a whole",
+                )
         for reason in _foreign(goal).values() if there and not _forced else ():
             cure = "give a new or empty folder, or --force, which keeps that file"
             raise InputError(f"{target}: {reason}; {cure}")
         nearest = next(p for p in (goal, *goal.parents) if p.exists())
-        if not nearest.is_dir():
-            raise InputError(f"{show_path(target)}: {nearest} is a file, not a folder")
+        require(nearest.is_dir(), show_path(target), "a folder", f"{nearest}, a file")
         with scratch_folder(goal.parent if there else nearest) as folder:
             (folder / goal.name).mkdir()
 
 
 def _check_place(target: str | Path, goal: Path, *, there: bool) -> None:
     """Raise InputError for a file, the working folder or a mount point."""
-    if there and not goal.is_dir():
-        raise InputError(
-            f"{show_path(target)}: is a file; give a folder for the output"
-        )
+    is_file = there and not goal.is_dir()
+    require(not is_file, show_path(target), "a folder for the output", "a file")
     what = ""
     better = Path(target) / "out"
     here = Path.cwd()

@@ -41,9 +41,7 @@ MOST_CELLS = 20_000_000  # of a sheet, including empty ones; takes two seconds
 _LAST_ROW = 1 << 20  # of a sheet
 _MOST_LINES = 1 << 20  # of a text, including blank ones
 _LONGEST = 1 << 16  # characters searched for the separator, and of an XML tag
-_MOST_TAGS = (
-    1 << 19
-)  # of a row of a sheet, and beside its rows; takes two seconds to ten
+_MOST_TAGS = 1 << 19  # of a row of a sheet, and beside its rows; takes seconds
 MOST_BYTES = 1 << 26  # of an unpacked table: 200,000 rows of 20 numbers
 
 
@@ -233,10 +231,8 @@ def read_table(
         what = f"{name}:{lines[most + 1]}: expected at most {most:,} rows, got more"
         raise InputError(what if told else f"{what}; average repeated readings")
     _check_lengths(name, header, rows, lines)
-    if len(rows) == 1:
-        raise InputError(
-            f"{name}:{lines[0] + 1}: expected at least one row under the header"
-        )
+    below = f"{name}:{lines[0] + 1}"
+    require(len(rows) > 1, below, "at least one row under the header")
     if sheets[1:]:
         log.warning(
             "%s: sheet %s is read, not %s", path.name, sheets[0], ", ".join(sheets[1:])
@@ -343,9 +339,8 @@ def _sheet(path: Path, most: int) -> tuple[list[list[str]], list[int], bool, lis
 def _visible(path: Path, book: openpyxl.Workbook) -> list[Any]:
     """Return the sheets that are not hidden; raise InputError if there is none."""
     shown = [each for each in book.worksheets if each.sheet_state == "visible"]
-    if shown:
-        return shown
-    raise InputError(f"{path}: expected an .xlsx workbook with a sheet not hidden")
+    require(shown, path, "an .xlsx workbook with a sheet not hidden")
+    return shown
 
 
 def _filled_rows(
@@ -389,23 +384,20 @@ def _check_unpacked(path: Path, stream: BinaryIO) -> None:
     """Raise InputError for a workbook that is too large when unpacked, or has a row or tag that is."""
     with zipfile.ZipFile(stream) as book:
         size = sum(each.file_size for each in book.infolist())
-        if size > MOST_BYTES:
-            most = f"at most {MOST_BYTES >> 20} MiB unpacked"
-            raise InputError(
-                f"{path}: expected an .xlsx workbook of {most}, got {size >> 20}"
-            )
-        for name in (
-            each for each in book.namelist() if each.endswith((".xml", ".rels"))
-        ):
+    most = f"an .xlsx workbook of at most {MOST_BYTES >> 20} MiB unpacked"
+    require(size <= MOST_BYTES, path, most, size >> 20)
+    most = f"an .xlsx workbook with at most {_MOST_TAGS:,} tags in and beside rows, of at most {_LONGEST:,} characters"
+    with zipfile.ZipFile(stream) as book:
+        for name in book.namelist():
+            if not name.endswith((".xml", ".rels")):
+                continue
             text = book.read(name)
             found = islice(re.finditer(rb"<(?:\w+:)?row\b", text), _LAST_ROW)
             rows = [0, *(each.start() for each in found), len(text)]
             count = max(text.count(b"<", *ends) for ends in pairwise(rows))
-            if count > _MOST_TAGS or re.search(rb"<[^<>]{%d}" % _LONGEST, text):
-                most = f"at most {_MOST_TAGS:,} tags in and beside rows, of at most {_LONGEST:,} characters"
-                raise InputError(
-                    f"{path}: expected an .xlsx workbook with {most}, got more in {name!a}"
-                )
+            is_long = re.search(rb"<[^<>]{%d}" % _LONGEST, text)
+            fits = count <= _MOST_TAGS and not is_long
+            require(fits, path, most, f"more in {name!a}")
     stream.seek(0)
 
 

@@ -12,7 +12,7 @@ from stiffscope.cli import options
 from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit
 from stiffscope.cli.poses import find_poses
-from stiffscope.errors import InputError, require
+from stiffscope.errors import naming, require
 from stiffscope.experiments.assembly import name_robot
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.report.run_report import write_modes_report
@@ -233,14 +233,10 @@ def _port(mechanism: Mechanism, option: str, text: str) -> Port:
     }
     at = places.get(point)
     if at is None:
-        try:
+        known = "M, a joint's name" + (", centre" if "centre" in places else "")
+        form = f"a point: X,Y,Z such as 0,0,350 mm, {known}"
+        with naming(f"{option} {text}", form):
             at = np.array(q.several(point, *[q.LENGTH] * 3))
-        except ValueError as error:
-            known = ", ".join(
-                ["M", "a joint's name", *(["centre"] if "centre" in places else [])]
-            )
-            expected = f"expected a point (X,Y,Z such as 0,0,350 mm, {known})"
-            raise InputError(f"{option} {text}: {expected}, got {point!r}") from error
     direction = np.eye(6)[COORDINATES.index(axis)] * (
         -1.0 if way.startswith("-") else 1.0
     )

@@ -333,6 +333,13 @@ class Campaign:
             return InputError(f"campaign: {'.'.join(key)}: {message}")
         return self.source.refuse(key, message)
 
+    def require(
+        self, valid: object, key: tuple[str, ...], expected: str, got: object
+    ) -> None:
+        """Raise an error for a key of the campaign.toml unless what it needs is valid."""
+        if not valid:
+            raise self.refuse(key, f"expected {expected}, got {got}")
+
     def where(self, reading: int) -> str:
         """Return the file and line of one reading; the file alone if it has none."""
         file = self.files[int(self.file[reading])]

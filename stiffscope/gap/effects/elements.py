@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError, require
+from stiffscope.errors import naming, require
 from stiffscope.gap.effects.effect import (
     Array,
     Changes,
@@ -121,12 +121,10 @@ def change_elements(mechanism: Mechanism, changes: Changes) -> Mechanism:
         added = float(rest[along, along]) / (1.0 + screw * joint.drive.stiffness)
         rest[along, along] -= added
         if added < 0.0:
-            try:
+            with naming(joint.name):
                 stiffer[joint.name] = replace(
                     joint, drive=joint.drive.add_compliance(added)
                 )
-            except InputError as error:
-                raise InputError(f"{joint.name}: {error}") from error
             bearings[joint.name] = replace(change, compliance=rest)
     if stiffer:
         joints = tuple(stiffer.get(joint.name, joint) for joint in mechanism.joints)

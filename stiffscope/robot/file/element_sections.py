@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Union, get_
 import numpy as np
 from pydantic import BeforeValidator, Discriminator, Tag, model_validator
 
-from stiffscope.errors import InputError, require
+from stiffscope.errors import InputError, require, require_given
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file import values as v
 from stiffscope.robot.file.parse import Source, blame, parse_text
@@ -70,12 +70,8 @@ class ElementSection(Section):
 
     def _need(self, *keys: str) -> list[Any]:
         """Return the values of keys; raise InputError if one is missing."""
-        for key in keys:
-            if getattr(self, key) is None:
-                raise InputError(
-                    f"{key}: expected a value beside the others, got nothing"
-                )
-        return [getattr(self, key) for key in keys]
+        what = "a value beside the others"
+        return [require_given(getattr(self, key), key, what) for key in keys]
 
     @property
     def _by_sheet(self) -> str:
@@ -114,10 +110,9 @@ class _Rotary(ElementSection):
         known = [(each or 0.0) for each in (self.radial, self.axial, self.tilting)]
         source = "the sheet's own stiffness"
         acting = self.preload or float(np.linalg.norm(self.load))
-        if self.at_load is None and acting:
-            beside = "preload" if self.preload else "load"
-            expected = f"the load of the sheet's own stiffness beside {beside}"
-            raise InputError(f"at_load: expected {expected}, got nothing")
+        beside = "preload" if self.preload else "load"
+        what = f"the load of the sheet's own stiffness beside {beside}"
+        require(self.at_load is not None or not acting, "at_load", what, "nothing")
         if self.at_load is not None:
             require(
                 self.at_load > 0.0 and acting > 0.0,
@@ -160,9 +155,9 @@ class BallBearing(_Rotary):
         balls, ball, pitch = self._need("balls", "ball", "pitch")
         if angular:
             self._need("angle")
-        if angular and self._force[0] < 0.0:
-            what = "a thrust along the pressed side of an angular-contact bearing"
-            raise InputError(f"load: expected {what}, got {self._force[0]:g} N")
+        thrust = self._force[0]
+        what = "a thrust along the pressed side of an angular-contact bearing"
+        require(not angular or thrust >= 0.0, "load", what, f"{thrust:g} N")
         modulus = me.reduced_modulus(
             {"steel": me.STEEL, "ceramic": me.CERAMIC}[self.ball_material]
         )
@@ -353,10 +348,8 @@ def _some(value: Any) -> Any:
     """Return one or several elements as a tuple, each of a known kind."""
     several = value if isinstance(value, list | tuple) else [value]
     for each in several:
-        if not isinstance(each, dict | ElementSection):
-            raise ValueError(
-                q.expected(f"a table with a kind ({', '.join(ELEMENTS)})", each)
-            )
+        what = f"a table with a kind ({', '.join(ELEMENTS)})"
+        require(isinstance(each, dict | ElementSection), "", what, q.show_value(each))
         if isinstance(each, dict):
             one_of(each.get("kind"), ELEMENTS, "a kind of bearing")
     require(several, "", "at least one bearing", "none")

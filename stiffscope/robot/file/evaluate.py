@@ -182,10 +182,9 @@ def _list_given(
         key = ("parameters", name)
         with blame(*key):
             refuse_name(name)
-        if normalize(name) in found:
-            other = found[normalize(name)][0][1]
-            got = f'"{name}", one letter with "{other}"'
-            raise FieldError(key, f"expected a name of its own, got {got}")
+        other = found.get(normalize(name))
+        got = f'"{name}", one letter with "{other[0][1] if other else ""}"'
+        require(other is None, key, "a name of its own", got)
         found[normalize(name)] = (key, value, None)
     for part, section in data.get("parts", {}).items():
         shape = section.get("shape") if isinstance(section, dict) else None

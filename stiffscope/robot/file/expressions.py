@@ -109,18 +109,14 @@ def parse(text: str) -> Expression:
         f"an expression of at most {MOST_CHARACTERS} characters",
         len(body),
     )
+    shown = f'"= {_cut(body)}"'
     try:
         tree = ast.parse(body, mode="eval").body
-    except SyntaxError as error:
+    except (SyntaxError, RecursionError, MemoryError, ValueError) as error:
         what = 'an expression without units such as "= 0.18 + a*cos(th)"'
-        raise ValueError(f'expected {what}, got "= {_cut(body)}"') from error
-    except (RecursionError, MemoryError, ValueError) as error:
-        raise ValueError(
-            f'expected a simpler expression, got "{_cut(body)}"'
-        ) from error
-    if _levels(tree) > MOST_LEVELS:
-        most = f"at most {MOST_LEVELS} levels"
-        raise ValueError(f'expected an expression of {most}, got "{_cut(body)}"')
+        raise ValueError(f"expected {what}, got {shown}") from error
+    most = f"an expression of at most {MOST_LEVELS} levels"
+    require(_levels(tree) <= MOST_LEVELS, "", most, shown)
     return Expression(body, tree, tuple(dict.fromkeys(_names(tree, body))))
 
 
@@ -147,8 +143,9 @@ def _levels(tree: ast.expr) -> int:
 
 def _names(node: ast.expr, text: str) -> Iterator[str]:
     """Yield the names in an expression; raise ValueError unless it is arithmetic."""
-    if isinstance(node, ast.Name) and node.id in FUNCTIONS:
-        raise ValueError(f"expected {node.id}(…), got {node.id} without its argument")
+    if isinstance(node, ast.Name):
+        got = f"{node.id} without its argument"
+        require(node.id not in FUNCTIONS, "", f"{node.id}(…)", got)
     if isinstance(node, ast.Name | ast.Attribute):
         name = _join_dotted(node, text)
         if name not in CONSTANTS:
@@ -190,10 +187,8 @@ def _measure(  # noqa: PLR0911 (one for each kind of node)
         case ast.UnaryOp():
             return first
         case ast.BinOp(op=ast.Add() | ast.Sub()) | ast.Call(func=ast.Name(id="atan2")):
-            if not (fits(first, last) or fits(last, first)):
-                raise ValueError(
-                    f"expected quantities of one kind, got {_piece(node, text)}"
-                )
+            alike = fits(first, last) or fits(last, first)
+            require(alike, "", "quantities of one kind", _piece(node, text))
             alike = first if first != PLAIN else last
             return (
                 _ANGLE
@@ -214,9 +209,8 @@ def _measure(  # noqa: PLR0911 (one for each kind of node)
             return first and last and tuple(map(sign, first, last))
     if operation is math.sqrt:
         return first and tuple(each / 2.0 for each in first)
-    if first is not None and any(first[:-1]):
-        got = f"{_piece(node, text)} of another quantity"
-        raise ValueError(f"expected an angle or a plain number, got {got}")
+    got = f"{_piece(node, text)} of another quantity"
+    require(not any((first or ())[:-1]), "", "an angle or a plain number", got)
     return _ANGLE if operation in {math.asin, math.acos, math.atan} else PLAIN
 
 
@@ -270,20 +264,15 @@ def _piece(node: ast.expr, text: str) -> str:
 def _apply(function: Operation, values: list[float], piece: str) -> float:
     """Apply a function to numbers; ValueError, naming the operands, unless finite and real."""
     shown = f"{piece} of {', '.join(f'{value:.6g}' for value in values)}"
-    unreal = f"expected an expression of real value, got {shown}, which has none"
     try:
         result = function(*values)
-    except ZeroDivisionError as error:
-        raise ValueError(f"expected no division by zero, got {shown}") from error
-    except OverflowError as error:
-        large = f"{shown}, which is too large"
+    except (ArithmeticError, ValueError) as error:
+        fault = f"{shown}, which has none ({error})"
         raise ValueError(
-            f"expected an expression of finite value, got {large}"
+            f"expected an expression of finite value, got {fault}"
         ) from error
-    except ValueError as error:
-        raise ValueError(unreal) from error
-    if isinstance(result, complex):
-        raise ValueError(unreal)
+    real = not isinstance(result, complex)
+    require(real, "", "an expression of real value", f"{shown}, which has none")
     return result
 
 

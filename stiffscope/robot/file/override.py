@@ -145,10 +145,9 @@ def check_unit(change: Override, written: Mapping[str, Any], owner: str) -> None
             stated = stated.get(part) if isinstance(stated, dict) else None
     unit = _STATED.fullmatch(stated) if isinstance(stated, str) else None
     if unit and change.value:
-        expected = f"expected a number with a unit such as {change.value:g} {unit[1]}"
-        raise InputError(
-            f'{change.text}: {expected}, as the file states "{stated}"; got {change.value:g}'
-        )
+        example = f"{change.value:g} {unit[1]}"
+        what = f'a number with a unit such as {example}, as the file states "{stated}"'
+        raise InputError(f"{change.text}: expected {what}; got {change.value:g}")
 
 
 def split(text: str) -> tuple[str, Any]:

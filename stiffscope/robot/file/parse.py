@@ -85,6 +85,11 @@ class Source:
         message += f" (with --set {others})" if others and not by else ""
         return InputError(f"{where}: {field_name(key)}: {message}")
 
+    def require(self, valid: object, key: Key, expected: str, got: object) -> None:
+        """Raise the error of a key unless what it needs is valid."""
+        if not valid:
+            raise self.refuse(key, f"expected {expected}, got {got}")
+
     @contextmanager
     def refusing(self) -> Iterator[None]:
         """Convert a FieldError in the block to `refuse`'s error."""

@@ -176,16 +176,20 @@ def to_si(value: Any, dimension: Dimension, *, sign: str = "positive") -> float:
         )
     except OverflowError:
         si = math.inf
-    if not math.isfinite(si):
-        raise ValueError(f"{message}, which is not a finite number")
-    beyond = dimension.refusal(si)
-    if beyond:
-        raise ValueError(f"{message}, which is {beyond}")
-    if si <= 0 and sign == "positive":
-        raise ValueError(f"{message}: it must be greater than zero")
-    if si < 0 and sign != "any":
-        raise ValueError(f"{message}: it must not be negative")
+    fault = _find_fault(si, dimension, sign)
+    if fault:
+        raise ValueError(message + fault)
     return si
+
+
+def _find_fault(si: float, dimension: Dimension, sign: str) -> str:
+    """Return the end of the message that refuses a number; "" if it is valid."""
+    beyond = "not a finite number" if not math.isfinite(si) else dimension.refusal(si)
+    if beyond:
+        return f", which is {beyond}"
+    if si <= 0 and sign == "positive":
+        return ": it must be greater than zero"
+    return ": it must not be negative" if si < 0 and sign != "any" else ""
 
 
 def several(text: str, *dimensions: Dimension) -> tuple[float, ...]:

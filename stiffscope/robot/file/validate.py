@@ -63,8 +63,7 @@ def check_top(data: Mapping[str, Any]) -> None:
         )
         if key == "name":
             continue
-        if not isinstance(data[key], kind):
-            raise FieldError((key,), q.expected(what, data[key]))
+        require(isinstance(data[key], kind), (key,), what, q.show_value(data[key]))
         for name in data[key] if kind is dict else ():
             # a terminal would obey it
             require(
@@ -128,10 +127,9 @@ def validate(
         gravity = read_table(sections.GravitySection, data["gravity"], ("gravity",))
     effects = enumerate(data.get("effects", []))
     name = data.get("name", source.path.stem)
-    if not isinstance(name, str) or not name.strip() or not name.isprintable():
-        raise FieldError(
-            ("name",), q.expected("a name in quotes, one printable line", name)
-        )
+    is_name = isinstance(name, str) and name.strip() and name.isprintable()
+    form = "a name in quotes, one printable line"
+    require(is_name, ("name",), form, q.show_value(name))
     return RobotFile(
         name=name,
         parts=parts,
@@ -173,10 +171,9 @@ def _with_matrices(table: dict[str, Any], folder: Path, key: Key) -> dict[str, A
             "none beside a file, which holds the matrices",
             "one",
         )
-    if not isinstance(table["file"], str):
-        raise FieldError(
-            (*key, "file"), q.expected('a path such as "bracket.npz"', table["file"])
-        )
+    file = table["file"]
+    form = 'a path such as "bracket.npz"'
+    require(isinstance(file, str), (*key, "file"), form, q.show_value(file))
     with blame(*key, "file"):
         found = read_superelement(folder / table["file"])
         interfaces = table.get("interfaces", found.interfaces)
@@ -186,10 +183,12 @@ def _with_matrices(table: dict[str, Any], folder: Path, key: Key) -> dict[str, A
             "interfaces beside a file that names none, in the order of its rows",
             "nothing",
         )
-        if not isinstance(interfaces, dict):
-            raise FieldError(
-                (*key, "interfaces"), q.expected("a table of places", interfaces)
-            )
+        require(
+            isinstance(interfaces, dict),
+            (*key, "interfaces"),
+            "a table of places",
+            q.show_value(interfaces),
+        )
         require(
             len(interfaces) == len(found.interfaces or interfaces),
             (*key, "interfaces"),
@@ -199,12 +198,18 @@ def _with_matrices(table: dict[str, Any], folder: Path, key: Key) -> dict[str, A
         ends = 6 * len(interfaces)
         shape = found.stiffness.shape
         square = shape == shape[:1] * 2 and shape[0] >= ends
-        if not square or (found.mass is not None and found.mass.shape != shape):
-            what = f"matrices of at least {ends} rows, six for each interface"
-            raise ValueError(f"expected {what}, got {' x '.join(map(str, shape))}")
-        if found.mass is None and shape[0] > ends:
-            what = f"a mass matrix beside {shape[0] - ends} modes"
-            raise ValueError(f"expected {what}, got stiffness alone")
+        require(
+            square and (found.mass is None or found.mass.shape == shape),
+            "",
+            f"matrices of at least {ends} rows, six for each interface",
+            " x ".join(map(str, shape)),
+        )
+        require(
+            found.mass is not None or shape[0] == ends,
+            "",
+            f"a mass matrix beside {shape[0] - ends} modes",
+            "stiffness alone",
+        )
     matrices = {
         "interfaces": interfaces,
         "stiffness": found.stiffness[:ends, :ends].tolist(),
@@ -219,8 +224,7 @@ def _choose(
     table: Any, word: str, valid: Iterable[str], key: tuple[str, ...], what: str
 ) -> str:
     """Return the kind of a table, given by its key ``word``; raise FieldError if invalid."""
-    if not isinstance(table, dict):
-        raise FieldError(key, q.expected("a table", table))
+    require(isinstance(table, dict), key, "a table", q.show_value(table))
     require(word in table, (*key, word), f"{what} ({', '.join(valid)})", "nothing")
     with blame(*key, word):
         return one_of(table[word], valid, what)
@@ -289,8 +293,8 @@ def _read_groups(
         require(
             name not in elements, key, "a name that no body or joint has", f'"{name}"'
         )
-        if not isinstance(listed, list):
-            raise FieldError(key, q.expected("a list of bodies and joints", listed))
+        form = "a list of bodies and joints"
+        require(isinstance(listed, list), key, form, q.show_value(listed))
         for number, each in enumerate(listed):
             with blame(*key, number):
                 if not isinstance(each, str) or not find_element(each, bodies, joints):
@@ -337,10 +341,13 @@ def read_pose(value: Any, tool: sections.ToolSection, key: Key) -> tuple[float, 
     key
         Key of the value: keys of its tables, outermost first.
     """
-    if not isinstance(value, list | tuple) or len(value) != len(tool.pose):
-        names = f", {' '.join(tool.pose)}" if tool.pose else ", as tool.pose has none"
-        what = f"a pose of {len(tool.pose)}{names}"
-        raise FieldError(key, q.expected(what, value))
+    names = " ".join(tool.pose) or "as tool.pose has none"
+    require(
+        isinstance(value, list | tuple) and len(value) == len(tool.pose),
+        key,
+        f"a pose of {len(tool.pose)}, {names}",
+        q.show_value(value),
+    )
     found = []
     for number, (name, each) in enumerate(zip(tool.pose, value, strict=True)):
         with blame(*key, number):

@@ -11,7 +11,7 @@ from stiffscope.cli import options
 from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit
 from stiffscope.cli.poses import find_poses
-from stiffscope.errors import InputError, require
+from stiffscope.errors import naming, require
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.report.kept_pictures import draw_named_poses
 from stiffscope.report.run_report import write_map_report
@@ -198,10 +198,8 @@ def _find_ranges(
 def _read(
     option: str, text: str, dimensions: Sequence[q.Dimension]
 ) -> tuple[float, ...]:
-    try:
+    with naming(option):
         return q.several(text, *dimensions)
-    except ValueError as error:
-        raise InputError(f"{option}: {error}") from error
 
 
 def _figures(
