@@ -230,8 +230,8 @@ def _dimensions(robot: RobotFile, name: str) -> SolidParameters:
     """Return the shape of a parametric part, without parameters of absent features."""
     part = robot.part(name)
     if not isinstance(part, ParametricPart):
-        expected = 'expected a shape that is a solid, such as "rod" or "step"'
-        raise robot.refuse(("parts", name, "shape"), f'{expected}, got "{part.shape}"')
+        what = 'expected a shape that is a solid, such as "rod" or "step"'
+        raise robot.refuse(("parts", name, "shape"), f'{what}, got "{part.shape}"')
     try:
         return part.parameters().present()
     except (

@@ -58,9 +58,7 @@ _POINTS = {
     91.1,
 }  # decimal codes without effect: arc centres are always relative
 _CALLS = {97, 98}  # M codes that call subprograms
-_REFUSED = (
-    "expected G0 to G3, G17 to G21, G90, G91 and others that do not move the tool"
-)
+_SUPPORTED = "G0 to G3, G17 to G21, G90, G91 and others that do not move the tool"
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,21 +164,19 @@ def _read_words(bare: str, here: str) -> list[tuple[str, str]]:
     words = _WORD.findall(bare)
     rest = _WORD.sub("", bare).strip()
     require(not rest, here, "words such as G1 X10.5 F200", f"{rest[:20]!r}")
-    raised = _EXPONENT.search(bare)
-    if raised:
+    for raised in _EXPONENT.findall(bare)[:1]:
+        where = f"{here}: {raised[0]}"
         raise InputError(
-            f"{here}: {raised[0][0]}: expected a number without an exponent, got {raised[0]}"
+            f"{where}: expected a number without an exponent, got {raised}"
         )
     known: dict[str, str] = {}
     for letter, number in words:
-        if letter in known and letter not in "GM":
-            got = f"{letter}{known[letter]} and {letter}{number}"
-            raise InputError(
-                f"{here}: {letter}: expected one word of a letter, got {got}"
-            )
+        alone = letter not in known or letter in "GM"
+        got = f"{letter}{known.get(letter)} and {letter}{number}"
+        require(alone, f"{here}: {letter}", "one word of a letter", got)
         known[letter] = number
-    if float(known.get("F", 1.0)) <= 0.0:
-        raise InputError(f"{here}: F: expected a feed above 0, got F{known['F']}")
+    feed = known.get("F", "1")
+    require(float(feed) > 0.0, f"{here}: F", "a feed above 0", f"F{feed}")
     return words
 
 
@@ -195,11 +191,11 @@ def _set_mode(state: _State, letter: str, code: float, here: str) -> None:
     )
     if letter != "G":
         return
-    if known not in _KNOWN or (code != known and code not in _POINTS):
-        raise InputError(f"{here}: G{code:g}: {_REFUSED}, got G{code:g}")
-    if known in {28, 30, 53}:
-        axes = "expected moves in the program's own axes, got one in the machine's"
-        raise InputError(f"{here}: G{code:g}: {axes}")
+    where = f"{here}: G{code:g}"
+    supported = known in _KNOWN and (code == known or code in _POINTS)
+    require(supported, where, _SUPPORTED, f"G{code:g}")
+    own = "moves in the program's own axes"
+    require(known not in {28, 30, 53}, where, own, "one in the machine's")
     if known in _MOVES:
         state.move = known
     elif known in _PLANES:
@@ -234,10 +230,12 @@ def _arc(
     two = end[[a, b]] - centre
     radius = float(np.linalg.norm(one))
     other = float(np.linalg.norm(two))
-    if radius < 1e-9 or abs(radius - other) > max(1e-5, 2e-3 * radius):
-        got = f"{1e3 * radius:g} mm and {1e3 * other:g} mm"
-        expected = "expected an arc whose ends are as far from its centre"
-        raise InputError(f"{here}: {expected}, got {got}")
+    require(
+        radius >= 1e-9 and abs(radius - other) <= max(1e-5, 2e-3 * radius),
+        here,
+        "an arc whose ends are as far from its centre",
+        f"{1e3 * radius:g} mm and {1e3 * other:g} mm",
+    )
     begin = np.arctan2(one[1], one[0])
     turn = sense * float(
         np.mod(sense * (np.arctan2(two[1], two[0]) - begin), 2.0 * np.pi)
@@ -260,9 +258,12 @@ def _centre_of(one: Array, two: Array, radius: float, sense: float, here: str) -
     """Return the centre (2,) of an arc from its radius; if negative, of the longer arc."""
     chord = two - one
     half = 0.5 * float(np.linalg.norm(chord))
-    if not 0.0 < half <= abs(radius) * (1.0 + 1e-6):
-        least = f"a radius of at least half of the chord, {1e3 * half:g} mm"
-        raise InputError(f"{here}: R: expected {least}, got {1e3 * radius:g} mm")
+    require(
+        0.0 < half <= abs(radius) * (1.0 + 1e-6),
+        f"{here}: R",
+        f"a radius of at least half of the chord, {1e3 * half:g} mm",
+        f"{1e3 * radius:g} mm",
+    )
     rise = np.sqrt(max(radius**2 - half**2, 0.0)) * np.sign(radius) * sense
     return 0.5 * (one + two) + rise * np.array([-chord[1], chord[0]]) / (2.0 * half)
 

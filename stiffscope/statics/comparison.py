@@ -77,10 +77,12 @@ def compare_robots(
     InputError
         Their poses have different coordinates, or no named pose is reachable for both.
     """
-    if first.tool.pose != second.tool.pose:
-        got = " and ".join(" ".join(robot.tool.pose) for robot in (first, second))
-        expected = "expected two robots whose poses have the same coordinates"
-        raise InputError(f"compare: {expected}, got {got}")
+    require(
+        first.tool.pose == second.tool.pose,
+        "compare",
+        "two robots whose poses have the same coordinates",
+        f"{' '.join(first.tool.pose)} and {' '.join(second.tool.pose)}",
+    )
     names = (first.name, second.name)
     if names[0] == names[1]:
         names = (first.path.stem, second.path.stem)

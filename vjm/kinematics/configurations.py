@@ -317,9 +317,12 @@ def check_poses(mechanism: Mechanism, poses: ArrayLike) -> Array:
 
 def _check_rows(values: ArrayLike, names: list[str], what: str) -> Array:
     array = np.atleast_2d(np.asarray(values, dtype=float))
-    if array.ndim != 2 or array.shape[1] != len(names):
-        expected = f"(n, {len(names)}) numbers {', '.join(names)}"
-        raise InputError(f"{what}: expected {expected}, got shape {np.shape(values)}")
+    require(
+        array.ndim == 2 and array.shape[1] == len(names),
+        what,
+        f"(n, {len(names)}) numbers {', '.join(names)}",
+        f"shape {np.shape(values)}",
+    )
     bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
     if bad.size:
         got = array[bad[0]].tolist()

@@ -235,11 +235,12 @@ def superelement_body(
     dynamics = None
     squares = np.asarray(mode_squares, dtype=float)
     modes = 0 if mass_matrix is None else max(0, len(np.asarray(mass_matrix)) - size)
-    if squares.shape != (modes,) or not (squares > 0.0).all():
-        rows = f"{modes} above 0, for the mass matrix's rows beyond the interfaces'"
-        raise InputError(
-            f"{here}.mode_squares: expected {rows}, got {squares.tolist()}"
-        )
+    require(
+        squares.shape == (modes,) and (squares > 0.0).all(),
+        f"{here}.mode_squares",
+        f"{modes} above 0, for the mass matrix's rows beyond the interfaces'",
+        squares.tolist(),
+    )
     if mass_matrix is not None:
         whole = size + modes
         inertia = check_array(
@@ -261,9 +262,8 @@ def _clamp_first(stiffness: Array, places: Array, here: str) -> Array:
     """Clamp the first interface of a stiffness (6n, 6n); return the compliance (6m, 6m)."""
     scale = np.sqrt(np.diagonal(stiffness).clip(min=0.0))
     size = np.outer(scale, scale)
-    if not (scale > 0.0).all():
-        least = np.diagonal(stiffness).min()
-        raise InputError(f"{here}: expected diagonal entries above 0, got {least:.6g}")
+    least = np.diagonal(stiffness).min()
+    require(least > 0.0, here, "diagonal entries above 0", f"{least:.6g}")
     require(
         (np.abs(stiffness - stiffness.T) <= _BALANCED * size).all(),
         here,

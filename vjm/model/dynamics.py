@@ -52,14 +52,11 @@ class Dynamics:
             f"finite ({size}, {size}) and ({squares.size},)",
             m.shape,
         )
-        if not (squares > 0.0).all():
-            least = squares.min()
-            raise InputError(
-                f"dynamics: expected squared frequencies above 0, got {least:.6g}"
-            )
-        if self.error is not None and np.shape(self.error) != squares.shape:
-            got = np.shape(self.error)
-            raise InputError(f"dynamics: expected error {squares.shape}, got {got}")
+        least = squares.min(initial=np.inf)
+        what = "squared frequencies above 0"
+        require(least > 0.0, "dynamics", what, f"{least:.6g}")
+        got = squares.shape if self.error is None else np.shape(self.error)
+        require(got == squares.shape, "dynamics", f"error {squares.shape}", got)
         diagonal = np.diagonal(m).clip(min=0.0)
         require(
             (

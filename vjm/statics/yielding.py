@@ -95,9 +95,12 @@ def respond(
     if applied.ndim < 3:
         applied = np.atleast_2d(applied.T).T[None]
     n, six, cases = applied.shape
-    if six != 6 or n not in {1, len(found)} or not np.isfinite(applied).all():
-        expected = f"finite (6,), (6, c) or ({len(found)}, 6, c)"
-        raise InputError(f"wrench: expected {expected}, got shape {np.shape(wrench)}")
+    require(
+        six == 6 and n in {1, len(found)} and np.isfinite(applied).all(),
+        "wrench",
+        f"finite (6,), (6, c) or ({len(found)}, 6, c)",
+        f"shape {np.shape(wrench)}",
+    )
     order = find_order(mechanism, found.linkage)
     where = place_nodes(found)
     weight, times = (

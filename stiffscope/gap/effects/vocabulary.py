@@ -122,17 +122,11 @@ def _find_candidate(
     name = f"{effect} @ {place}"
     known = tuple(find_candidates(Setting(robot)))
     placed = [c for c in known if name in (c.name, *c.aliases)]
-    if not placed:
-        places = dict.fromkeys(c.place for c in known if c.effect == effect)
-        raise InputError(
-            f"{effect}, place: expected one of {', '.join(places)}, got {place!r}"
-        )
+    places = dict.fromkeys(c.place for c in known if c.effect == effect)
+    require(placed, f"{effect}, place", f"one of {', '.join(places)}", repr(place))
     fitting = [c for c in placed if set(given) <= set(c.parts or c.names)]
-    if not fitting:
-        names = ", ".join(placed[0].parts or placed[0].names) or "none"
-        raise InputError(
-            f"{effect}: expected parameters {names}, got {', '.join(given)}"
-        )
+    names = ", ".join(placed[0].parts or placed[0].names) or "none"
+    require(fitting, effect, f"parameters {names}", ", ".join(given))
     found = min(fitting, key=lambda c: len(c.names))
     kind = _KIND_OF[effect]
     if isinstance(found.action, kind) or kind.conversion is None:

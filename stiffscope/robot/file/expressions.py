@@ -267,9 +267,9 @@ def _apply(function: Operation, values: list[float], piece: str) -> float:
     try:
         result = function(*values)
     except (ArithmeticError, ValueError) as error:
-        fault = f"{shown}, which has none ({error})"
+        fault = f"{shown}: {error.args[-1]}"
         raise ValueError(
-            f"expected an expression of finite value, got {fault}"
+            f"expected an expression of finite real value, got {fault}"
         ) from error
     real = not isinstance(result, complex)
     require(real, "", "an expression of real value", f"{shown}, which has none")
