@@ -29,6 +29,7 @@ from stiffscope.design.study_reading import load_study
 from stiffscope.errors import InputError, require
 from stiffscope.robot.parameters import parameters
 from stiffscope.runtime.brief import describe_briefly
+from stiffscope.runtime.formats import to_dataframe
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -98,12 +99,10 @@ class Study:
     @property
     def table(self) -> pd.DataFrame:
         """Table with one row per design, SI; units are in the column names."""
-        import pandas as pd
-
         designs = self.designs
         count = len(self.designs)
         columns: dict[str, Any] = {
-            "design": range(1, count + 1),
+            "design": list(range(1, count + 1)),
             "from": designs.origins,
         }
         columns["state"] = self.outcomes.states
@@ -113,7 +112,7 @@ class Study:
             columns[response.column] = designs.responses[:, k]
         columns["best"] = np.isin(np.arange(count), self.best)
         columns["reason"] = [designs.reasons.get(k, "") for k in range(count)]
-        return pd.DataFrame(columns)
+        return to_dataframe(columns)
 
     def robot(self, index: int) -> RobotFile:
         """Return the robot of a design."""
