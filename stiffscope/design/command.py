@@ -165,12 +165,12 @@ def study(
     _emit_study(found, output, manifest, [store])
     if not remove_copied(store, out, f"{DESIGNS}/"):
         log.warning("%s: holds files that %s does not; they stay there", store, out)
-    reasons = "".join(found.designs.reasons[:1])
+    reason = found.designs.reasons.get(0, "")
     require(
         share is not None or not found.outcomes.failed.all(),
         file.path,
         "a design that can be computed",
-        f"none; the first: {reasons}",
+        f"none; the first: {reason}",
     )
 
 

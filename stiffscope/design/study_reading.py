@@ -302,7 +302,7 @@ def _check_takes(name: str, texts: list[Any], robot: RobotFile, key: Key) -> Non
             continue
         changed = made.source.changed.keys() - source.changed
         copied = [each[1] for each in changed if each[1] in made.copied]
-        got = f'"{"".join(copied[:1])}", a copy: vary its original'
+        got = f'"{"".join(map(str, copied[:1]))}", a copy: vary its original'
         require(not copied, key, "what the robot file writes", got)
         if not is_word:
             return

@@ -10,6 +10,8 @@ from stiffscope.files.keys import all_keys, find_keys
 from stiffscope.gap.campaign.kinds import KINDS
 from stiffscope.gap.campaign.quantities import names_of
 
+pytestmark = pytest.mark.slow
+
 
 def test_every_key_says_what_it_means_and_takes():
     every = all_keys()

@@ -38,6 +38,8 @@ from stiffscope.vjm.statics.analysis import compliance
 from stiffscope.vjm.vibration.frequency_response import Port, frequency_response
 from tests.lobes.machines import spring_mass
 
+pytestmark = pytest.mark.slow
+
 MILLING = {
     "kt": '"700 N/mm^2"',
     "kr": "0.3",

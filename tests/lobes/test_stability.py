@@ -17,6 +17,8 @@ from tests.lobes.machines import flexible, machine, spring_mass
 from tests.lobes.semi_discretization import largest_multiplier
 from tests.lobes.simulation import grows
 
+pytestmark = pytest.mark.slow
+
 KT = 1e9
 PUSHED = one_direction(KT, (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
 
@@ -158,6 +160,7 @@ def check_by_simulation(rng, cut, machines, cuts, simulated):
     assert 20 <= sum(told) <= 80
 
 
+@pytest.mark.extended_for("2-0.0005-True", "3-0.007-True", "4-0.01-True")
 @pytest.mark.parametrize(
     ("teeth", "width", "climb"),
     [

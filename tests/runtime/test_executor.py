@@ -21,6 +21,8 @@ from stiffscope.runtime.executor import (
 )
 from stiffscope.runtime.signals import deaf_to
 
+pytestmark = pytest.mark.slow
+
 
 def work(executor, function, jobs, reports=None, limits=None):
     with executor:

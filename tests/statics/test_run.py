@@ -18,6 +18,8 @@ from stiffscope.report.part_tables import show_compliance
 from stiffscope.robot.part_matrices import beam_compliance
 from stiffscope.robot.reader import load_robot
 
+pytestmark = pytest.mark.slow
+
 RUN = "import sys; from stiffscope.cli.main import _guarded; code = _guarded(sys.argv[1:]); print(sorted(set(sys.modules) & {'OCP', 'pytetwild', 'skfem'})); sys.exit(code)"  # noqa: E501
 
 

@@ -6,7 +6,7 @@ import math
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 from pydantic import BeforeValidator, Discriminator, Tag
 
@@ -118,16 +118,17 @@ _SENSORS = {
 }
 
 
-def _check_measures(value: Any) -> Any:
+def _check_measures(value: object) -> object:
     if isinstance(value, dict):
+        measures = cast("dict[str, Any]", value).get("measures")
         with naming("sensor.measures"):
-            one_of(value.get("measures"), _SENSORS, "a kind of reading")
+            one_of(measures, _SENSORS, "a kind of reading")
     return value
 
 
-def _tag(value: Any) -> str:
-    words = value if isinstance(value, dict) else {"measures": "displacement"}
-    return f"tagged-{_SENSORS[words['measures']].__name__}"
+def _tag(value: object) -> str:
+    table = cast("dict[str, Any]", value) if isinstance(value, dict) else {}
+    return f"tagged-{_SENSORS[table.get('measures', 'displacement')].__name__}"
 
 
 AnySensor = Annotated[

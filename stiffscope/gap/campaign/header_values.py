@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, cast
 
 from pydantic import BeforeValidator
 
@@ -22,10 +22,15 @@ def _read_text(value: Any) -> str:
 
 
 def _read_texts(value: Any) -> tuple[str, ...]:
-    listed = value if isinstance(value, list | tuple) else [value]
+    listed = as_list(value) if isinstance(value, list | tuple) else [value]
     valid = all(isinstance(each, str) and each for each in listed)
     require(valid, "", "a text or a list of texts", show_value(value))
     return tuple(listed)
+
+
+def as_list(value: Any) -> list[Any]:
+    """Return the items of a list; none of anything else."""
+    return [*cast("list[Any]", value)] if isinstance(value, list | tuple) else []
 
 
 Text = Annotated[str, Reads(_read_text, says="a text")]
@@ -36,17 +41,18 @@ def read_values(dimensions: Sequence[Dimension], what: str, sign: str = "any") -
     """Return what reads a list of values in SI, one for each dimension; ``what``: the list in words."""
 
     def read(value: Any) -> tuple[float, ...]:
-        listed = isinstance(value, list | tuple) and len(value) == len(dimensions)
-        require(listed, "", what, show_value(value))
-        pairs = zip(value, dimensions, strict=True)
+        listed = as_list(value)
+        require(len(listed) == len(dimensions), "", what, show_value(value))
+        pairs = zip(listed, dimensions, strict=True)
         return tuple(to_si(each, dimension, sign=sign) for each, dimension in pairs)
 
     return Reads(read, says=what)
 
 
-def _check_names(value: Any) -> Any:
+def _check_names(value: object) -> object:
     """Refuse names that no page or terminal shows."""
-    for name in value if isinstance(value, dict) else ():
+    table = cast("dict[str, Any]", value) if isinstance(value, dict) else {}
+    for name in table:
         shown = name.isprintable() and name and name == name.strip()
         what = "a name of printable characters without blanks around it"
         require(shown, f'section."{name}"', what, show_value(name))

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from stiffscope.errors import require, require_given
-from stiffscope.gap.campaign.header_values import ByName, Text, read_values
+from stiffscope.gap.campaign.header_values import ByName, Text, as_list, read_values
 from stiffscope.responses.files import is_universal
 from stiffscope.responses.tables import Channel, read_direction
 from stiffscope.responses.units import read_unit
@@ -39,7 +39,7 @@ def _read_pose(value: Any) -> str | tuple[Any, ...]:
         isinstance(value, str) and value.strip()
     )
     require(valid, "", "the name of a pose or its coordinates", q.show_value(value))
-    return value if isinstance(value, str) else tuple(value)
+    return value if isinstance(value, str) else tuple(as_list(value))
 
 
 def _read_way(value: Any) -> Direction:
@@ -176,7 +176,8 @@ def _read_quantity(
             require(word not in section.model_fields_set, (*key, word), stated, "one")
         return "receptance", 1.0
     what = "one of receptance, mobility, accelerance for a table"
-    quantity = require_given(section.quantity, (*key, "quantity"), what)
+    given: Quantity | None = section.quantity
+    quantity: Quantity = require_given(given, (*key, "quantity"), what)
     if section.units is None:
         return quantity, 1.0
     with blame(*key, "units", inner=True):

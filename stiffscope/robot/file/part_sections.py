@@ -58,7 +58,7 @@ def _position(value: Any) -> str | tuple[float, ...]:
         return x, y, z
     what = f'one of {", ".join(ENDS)} or a point such as ["85 mm", 0, 0]'
     require(isinstance(value, str) and value in ENDS, "", what, q.show_value(value))
-    return value
+    return str(value)
 
 
 def _numbers(value: Any) -> tuple[int, ...]:

@@ -102,7 +102,7 @@ def parse_whole(value: Any) -> int:
         value = int(value)
     whole = isinstance(value, int) and not isinstance(value, bool) and value >= 0
     require(whole, "", "a whole number such as 4", q.show_value(value))
-    return value
+    return int(value)
 
 
 def _flag(value: Any) -> bool:
