@@ -51,6 +51,7 @@ class StepOrder:
     couplings: tuple[tuple[str, str], ...] = ()
     placement: Placement | None = None
     reference_point: tuple[float, float, float] | None = None
+    chosen: int | str | None = None  # of several solids
     shape: ClassVar[str] = "step"
     axes: ClassVar[str] = (
         "those of the STEP file, or of the frame chosen in it; twist (v, omega) and wrench (f, m) "
@@ -131,6 +132,7 @@ class PartOrder:
                 couplings=dict(step.couplings),
                 placement=step.placement,
                 reference_point=step.reference_point,
+                chosen=step.chosen,
             )
         except InputError as error:
             text = str(error).replace("faces FILE", f"faces {step.path}")
@@ -274,6 +276,7 @@ def _step_order(
         **chosen,
         placement=section.placement(),
         reference_point=section.reference_point,
+        chosen=section.solid,
         interfaces=tuple((end, _select(each.faces)) for end, each in ends),
         couplings=tuple((end, each.interface) for end, each in ends if each.interface),
     )

@@ -159,3 +159,28 @@ def test_beam_theory_is_beside_the_own_shape_alone(tmp_path, capsys, solid):
     assert f"{beam[3, 3]:.5g}" in shown
     assert ("Timoshenko" in shown) == own
     assert ("No comparison with beam theory" in shown) != own
+
+
+def test_what_yields_most_under_a_push_stands_first(tmp_path, capsys):
+    """Two blocks in a row, 3 and 1 um/N along x, y and z: three quarters are of the second one."""
+    lines = ['name = "row"']
+    for name, soft in (("stiff", 1e-6), ("soft", 3e-6)):
+        matrix = np.diag([soft] * 3 + [1e-9] * 3).tolist()
+        lines += [f"[parts.{name}]", 'shape = "matrix"', f"matrix = {matrix}"]
+        at = 0.1 if name == "soft" else 0.0
+        lines += [f"[bodies.{name}]", f'part = "{name}"', f"base = [{at}, 0, 0]"]
+        lines += [f"tip = [{at + 0.1}, 0, 0]", "y = [0, 1, 0]"]
+    ends = {"foot": ("ground", "stiff.base"), "waist": ("stiff.tip", "soft.base")}
+    for k, (name, both) in enumerate(ends.items()):
+        lines += [f"[joints.{name}]", f"between = {list(both)}", 'type = "fixed"']
+        lines += [f"at = [{0.1 * k}, 0, 0]"]
+    lines += ["[tool]", 'body = "soft.tip"', "at = [0.2, 0, 0]", "pose = []"]
+    (tmp_path / "row.toml").write_text("\n".join(lines))
+    assert (
+        _guarded(["run", str(tmp_path / "row.toml"), "--out", str(tmp_path / "o")]) == 0
+    )
+    shown = capsys.readouterr().out.partition("What yields most")[2].splitlines()
+    first, second = (line.split() for line in shown if line.startswith("s"))
+    assert (first[0], float(first[1])) == ("soft", pytest.approx(75.0, abs=0.1))
+    assert (second[0], float(second[1])) == ("stiff", pytest.approx(25.0, abs=0.1))
+    assert "What yields most" in (tmp_path / "o" / "report.html").read_text()

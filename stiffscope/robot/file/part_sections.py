@@ -247,10 +247,20 @@ PARAMETRIC = {name: _read_shape(shape) for name, shape in SHAPES.items()}
 globals().update({model.__name__: model for model in PARAMETRIC.values()})
 
 
+def _solid(value: Any) -> int | str:
+    if value == "all" or (type(value) is int and value >= 1):
+        return value
+    raise ValueError(q.expected('the number of a solid, from 1, or "all"', value))
+
+
+Chosen = Annotated[int | str, BeforeValidator(_solid)]
+
+
 class StepPart(SolidPart):
     """A solid from a STEP file; its faces by geometry, its axes by a frame, x from base to tip.
 
-    With two or more named `interfaces` instead of `clamped` and `loaded`, each a choice of faces,
+    Of a file of several solids, `solid` is the number of one, or "all", which are fused if they
+    touch. With two or more named `interfaces` instead of `clamped` and `loaded`, each a choice of faces,
     bodies made of it have these as ends, and are placed by their `at`, `x` and `y`.
     """
 
@@ -258,6 +268,9 @@ class StepPart(SolidPart):
 
     compliance: Literal["fea"] = "fea"  # pyright: ignore[reportIncompatibleVariableOverride]
     file: Annotated[str, Says('a path such as "arm.step"')]
+    solid: Annotated[
+        Chosen | None, Says('the number of a solid in the file, or "all"')
+    ] = None
     clamped: Faces | None = None
     loaded: Faces | None = None
     interfaces: dict[str, Named] | None = None
