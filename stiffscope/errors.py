@@ -124,7 +124,7 @@ def say_count(number: int, one: str, more: str = "") -> str:
     return f"{number:,} {one if number == 1 else more or f'{one}s'}"
 
 
-def meant(word: str, valid: Iterable[str], cutoff: float = 0.6) -> str:
+def suggest(word: str, valid: Iterable[str], cutoff: float = 0.6) -> str:
     """End of a message: the valid word that was probably meant, where one is as like as ``cutoff`` (1 is the same).
 
     Capital and small letters are the same.

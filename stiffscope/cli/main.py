@@ -16,10 +16,16 @@ from typing import Any, NoReturn
 import click
 from click.exceptions import NoArgsIsHelpError
 
-from stiffscope.errors import InputError, StiffscopeError, lacks_memory, meant, require
+from stiffscope.errors import (
+    InputError,
+    StiffscopeError,
+    lacks_memory,
+    require,
+    suggest,
+)
 from stiffscope.registry import SUBJECTS, commands
 from stiffscope.runtime.output import FULL
-from stiffscope.runtime.reading import show_path, why
+from stiffscope.runtime.reading import show_path
 from stiffscope.runtime.signals import STOPS
 
 _FOR_DEVELOPERS = {
@@ -147,7 +153,7 @@ def _describe_error(error: Exception) -> str:
             if file
             else "standard output, or the disk of temporary files"
         )
-        return f"{place}: cannot be used ({why(error, file or '-')})"
+        return f"{place}: cannot be used ({describe_cause(error, file or '-')})"
     return f"unexpected {type(error).__name__}: {error} (use --debug for the traceback)"
 
 
@@ -180,7 +186,7 @@ def _show_usage(error: click.UsageError) -> None:
         unknown = re.match(r"No such command '(.*)'\.", text)
         group = error.ctx.command if error.ctx else None
         if unknown and error.ctx and isinstance(group, click.Group):
-            text = text.removesuffix(".") + meant(
+            text = text.removesuffix(".") + suggest(
                 unknown[1], group.list_commands(error.ctx)
             )
         _say(f"{text} (see {command} --help)")

@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from stiffscope.errors import InputError, meant, naming, require
+from stiffscope.errors import InputError, naming, require, suggest
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.mechanism_of import configured_poses, rigid_mechanism
 from stiffscope.vjm.kinematics.configurations import configure_drives, start_note
@@ -97,7 +97,7 @@ def _displacements(robot: RobotFile, text: str) -> list[float]:
         form = f'DRIVE=POSITION,… such as "{" ".join(drives[:1])}=10 mm"'
         require(equals, f"--joints {text}", form, f'"{word}"')
         if name not in drives or name in given:
-            guess = "" if name in given else meant(name, drives)
+            guess = "" if name in given else suggest(name, drives)
             expected = f"expected each of {', '.join(drives)} once"
             raise InputError(f'--joints {text}: {expected}, got "{name}"{guess}')
         with naming(f"--joints {text}: {name}"):

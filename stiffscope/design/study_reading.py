@@ -32,7 +32,7 @@ from stiffscope.path.job import load_job
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.expressions import parse
 from stiffscope.robot.file.override import write_override
-from stiffscope.robot.file.parse import Source, blame, parse_text
+from stiffscope.robot.file.parse import Source, naming_key, parse_text
 from stiffscope.robot.file.tables import one_of, read_table
 from stiffscope.robot.file.validate import read_pose
 from stiffscope.robot.file.values import (
@@ -268,7 +268,7 @@ def _read_variable(
 
 
 def _read_number(value: Any, key: Key) -> float:
-    with blame(*key):
+    with naming_key(*key):
         return float(any_quantity(value))
 
 
@@ -326,7 +326,7 @@ def _read_response(
     job = None if found.path is None else find_job(found.path)
     along: dict[str, str] = dict.fromkeys(ALONG_PATH, "m")
     units = known_units(robot) if job is None else along
-    with blame(*where):
+    with naming_key(*where):
         expression = parse(found.of)
         for each in expression.names:
             one_of(each, units, "a quantity")
@@ -358,7 +358,7 @@ def _read_response(
     if job is not None:
         points = np.flatnonzero(job.path.acting)
         if CRITICAL in expression.names:
-            with blame(*key, "path"):
+            with naming_key(*key, "path"):
                 check_cut(job)
         take = found.take or ("least" if alone == CRITICAL else "worst")
         return Response(name, expression, unit, tuple(points.tolist()), take, job)
@@ -385,7 +385,7 @@ def _list_poses(found: ResponseSection, robot: RobotFile, key: Key) -> list[Pose
     chosen = [names] if numeric else names
     out: list[Pose] = []
     for each in names if isinstance(found.at, str) else chosen:
-        with blame(*where):
+        with naming_key(*where):
             out.append(
                 read_pose(each, robot.tool, where)
                 if isinstance(each, list)
@@ -423,7 +423,7 @@ def _read_limit(text: str, number: int, units: dict[str, str]) -> Limit:
     form = 'RESPONSE <= VALUE or RESPONSE >= VALUE such as "mass <= 3 kg"'
     match = require_given(_LIMIT.fullmatch(text), key, form, f'"{text}"')
     name, relation, value = match.groups()
-    with blame(*key):
+    with naming_key(*key):
         unit = units[one_of(name, units, "a response")]
     dimension = q.Dimension(
         f"a value of {name}", "" if unit == "1" else unit, f"3 {unit}"
@@ -431,7 +431,7 @@ def _read_limit(text: str, number: int, units: dict[str, str]) -> Limit:
     given: Any = value
     with suppress(ValueError):
         given = float(value)
-    with blame(*key):
+    with naming_key(*key):
         return Limit(
             name, relation == "<=", q.to_si(given, dimension, sign="any"), text
         )
@@ -441,7 +441,7 @@ def _read_goals(top: StudySection, units: dict[str, str]) -> tuple[Goal, ...]:
     found = []
     for word, sign in (("minimize", 1.0), ("maximize", -1.0)):
         for number, name in enumerate(getattr(top, word)):
-            with blame(word, number):
+            with naming_key(word, number):
                 found.append(Goal(one_of(name, units, "a response"), sign))
     count = len(found)
     one = "one response to minimize or maximize for an optimum"

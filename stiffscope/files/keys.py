@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_
 from pydantic_core import PydanticUndefined
 
 from stiffscope.cad.materials import MATERIALS
-from stiffscope.errors import InputError, meant
+from stiffscope.errors import InputError, suggest
 from stiffscope.gap.effects.vocabulary import EFFECTS
 from stiffscope.registry import load, slices
 from stiffscope.report.terminal import show_line, show_table
@@ -175,7 +175,7 @@ def find_keys(wanted: str | None) -> dict[str, dict[str, list[Key]]]:
     found = {kind: titles for kind, titles in found.items() if titles}
     if not found:
         titles = [title for titles in every.values() for title in titles]
-        guess = meant(wanted, [*every, *titles], cutoff=0.4)
+        guess = suggest(wanted, [*every, *titles], cutoff=0.4)
         expected = f"expected {', '.join(every)} or part of a section's title"
         raise InputError(f'keys: {expected}, got "{wanted}"{guess}')
     return found

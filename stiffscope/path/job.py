@@ -35,7 +35,7 @@ from stiffscope.path.values import (
 from stiffscope.registry import sections_of
 from stiffscope.robot.file import values as v
 from stiffscope.robot.file.description import RobotFile
-from stiffscope.robot.file.parse import Source, blame, parse_text
+from stiffscope.robot.file.parse import Source, naming_key, parse_text
 from stiffscope.robot.file.tables import one_of, read_table
 from stiffscope.robot.file.values import (
     Direction,
@@ -404,19 +404,19 @@ def load_job(path: str | Path, instead: str | Path | RobotFile | None = None) ->
         top = read_table(WholeJob, written, ())
         for name in ("milling", "turning", "drilling"):
             cut = getattr(top.process, name)
-            with blame("process", name, inner=True):
+            with naming_key("process", name, inner=True):
                 _ = cut and cut.forces(1e-3)
         if isinstance(instead, RobotFile):
             robot = instead
         elif instead is None:
             robot = load_robot_of(path, top.robot, top.set)
             for name in top.yield_strength:
-                with blame("yield_strength", name):
+                with naming_key("yield_strength", name):
                     one_of(name, MATERIALS | dict(robot.materials), "a material")
         else:
             robot = load_robot(instead, top.set)
         file = path.parent / top.path
-        with blame("path"):
+        with naming_key("path"):
             reading.open_file(file, "a table in CSV or a program in G-code").close()
         found = read_toolpath(
             file, robot, top.units, step=top.step, at=top.at, axes=_axes(top)

@@ -15,7 +15,7 @@ from stiffscope.path.gcode import (
     read_program,
 )
 from stiffscope.robot.file import quantities as q
-from stiffscope.robot.file.parse import blame
+from stiffscope.robot.file.parse import naming_key
 from stiffscope.robot.file.tables import one_of
 from stiffscope.runtime.formats import TABLE_FORMATS
 from stiffscope.runtime.table import (
@@ -172,7 +172,7 @@ def read_toolpath(
     check_marks(table, table.columns)
     columns = tuple(name for name in table.columns if name.startswith(JOINT)) or pose
     for column in sorted(units.keys() - {*columns, *WRENCH, "feed", "t"}):
-        with blame("units", column):
+        with naming_key("units", column):
             one_of(column, table.columns, f"a column of {path.name}")
     factors = {name: _factor(name, units.get(name), robot) for name in table.columns}
     found = {name: numbers(table, name) * factor for name, factor in factors.items()}

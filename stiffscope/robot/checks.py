@@ -13,7 +13,7 @@ from stiffscope.errors import FieldError, InputError, require, require_given
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.copies import tensor
 from stiffscope.robot.file.description import ENDS, GROUND, HOME
-from stiffscope.robot.file.parse import blame, split_place
+from stiffscope.robot.file.parse import naming_key, split_place
 from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.file.sections import Bearing, ElasticBody, RigidBody
 from stiffscope.robot.file.tables import one_of
@@ -72,7 +72,7 @@ def check_robot(robot: RobotFile) -> RobotFile:
 def _check_part(robot: RobotFile, name: str) -> None:
     key = ("parts", name)
     _check_file_name(key, name)
-    with blame(*key, "material", inner=True):  # "material: expected one of …"
+    with naming_key(*key, "material", inner=True):  # "material: expected one of …"
         robot.material(name)
 
 
@@ -87,7 +87,7 @@ def _check_file_name(key: Key, name: str) -> None:
 
 def _check_elastic(robot: RobotFile, name: str, body: ElasticBody) -> None:
     key = ("bodies", name)
-    with blame(*key, "part"):
+    with naming_key(*key, "part"):
         one_of(body.part, robot.parts, "a part")
     part = robot.parts[body.part]
     along = np.subtract(body.tip, body.base)
@@ -148,7 +148,7 @@ def _check_rigid(robot: RobotFile, name: str, body: RigidBody) -> None:
         require_given(body.centre, (*key, "centre"), what)
     if body.inertia is not None:
         require(body.mass, (*key, "mass"), "a mass above 0 kg beside an inertia", "0")
-        with blame(*key, "inertia"):
+        with naming_key(*key, "inertia"):
             _check_inertia(body.inertia)
 
 
@@ -208,7 +208,7 @@ def _check_bearing(robot: RobotFile, name: str) -> None:
             "none beside a bearing, whose data give it",
             "one",
         )
-        with blame(*key, "bearing", inner=True):
+        with naming_key(*key, "bearing", inner=True):
             joint.yielding(written_axes(robot, name))
     if getattr(joint, "drive", None) is None or joint.compliance is None:
         return
@@ -243,5 +243,5 @@ def _check_node(
             f'"{body}", which is rigid and has no ends',
             f'"{name}"',
         )
-    with blame(*key):
+    with naming_key(*key):
         one_of(name, known, "a body or an end of one")

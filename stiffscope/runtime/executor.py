@@ -36,7 +36,7 @@ import psutil
 from stiffscope.errors import StiffscopeError
 from stiffscope.runtime.output import scratch_folder
 from stiffscope.runtime.processors import processors
-from stiffscope.runtime.signals import STOPS, block, deaf_to
+from stiffscope.runtime.signals import STOPS, block, defer_signals
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -204,7 +204,7 @@ class Processes(Executor):
 
     def __exit__(self, kind: Any, *_: object) -> None:
         """Finish the remaining jobs; after an exception, end at once."""
-        with deaf_to(*STOPS):
+        with defer_signals(*STOPS):
             if kind is not None:
                 self.end()
             self.shutdown()

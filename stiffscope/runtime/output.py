@@ -24,8 +24,13 @@ import psutil
 
 from stiffscope.errors import InputError, StiffscopeError, require
 from stiffscope.runtime.json_text import encodable, to_json
-from stiffscope.runtime.reading import file_digest, read_bytes, show_path, why
-from stiffscope.runtime.signals import STOPS, deaf_to
+from stiffscope.runtime.reading import (
+    describe_cause,
+    file_digest,
+    read_bytes,
+    show_path,
+)
+from stiffscope.runtime.signals import STOPS, defer_signals
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -166,7 +171,7 @@ def _unwritable(
     if folder:
         what = f"the output folder {what}"
         advice = "choose another with --out"
-    text = f"{show_path(path)}: {what} ({why(error, path)});"
+    text = f"{show_path(path)}: {what} ({describe_cause(error, path)});"
     if getattr(error, "errno", None) in FULL:
         return StiffscopeError(
             f"{text} make room on its disk{f', or {advice}' if folder else ''}"
@@ -244,7 +249,7 @@ def staged_folder(target: str | Path, *, new: bool = False) -> Iterator[Path]:
         _check_absent(target, absent, _ANOTHER)
         if not new:
             _list_files(aside)
-        with deaf_to(*STOPS):
+        with defer_signals(*STOPS):
             _exchange(aside, Path(target).resolve(), target)
 
 

@@ -53,7 +53,7 @@ def open_file(
         handle = os.open(path, os.O_RDONLY | flags)
     except (OSError, ValueError) as error:
         raise InputError(
-            f"{show_path(path)}: expected {what}, got {why(error, path)}"
+            f"{show_path(path)}: expected {what}, got {describe_cause(error, path)}"
         ) from error
     stream = os.fdopen(handle, "rb") if stat.S_ISREG(os.fstat(handle).st_mode) else None
     kind = _KINDS.get(stat.S_IFMT(os.fstat(handle).st_mode), "no regular file")
@@ -82,7 +82,7 @@ def read_bytes(path: str | Path, what: str = "a file", most: int = MOST_BYTES) -
             content = stream.read(most + 1)
     except OSError as error:
         raise InputError(
-            f"{show_path(path)}: expected {what}, got {why(error, path)}"
+            f"{show_path(path)}: expected {what}, got {describe_cause(error, path)}"
         ) from error
     what = f"{what} of at most {_size(most)}"
     require(len(content) <= most, show_path(path), what, "a larger one")
@@ -126,7 +126,7 @@ def read_text(
     return text
 
 
-def why(error: BaseException, path: str | Path = "") -> str:
+def describe_cause(error: BaseException, path: str | Path = "") -> str:
     """Return a system error about a path in a few words."""
     if isinstance(error, ValueError):  # "embedded null byte"
         return "a name that no file can have"

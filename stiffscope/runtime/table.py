@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import openpyxl
 
-from stiffscope.errors import InputError, meant, require
+from stiffscope.errors import InputError, require, suggest
 from stiffscope.runtime.reading import open_file, read_text
 
 if TYPE_CHECKING:
@@ -475,14 +475,14 @@ def check_columns(
             heading
             for heading in header
             if heading.casefold() == column
-            or (heading in unknown and meant(heading, [column]))
+            or (heading in unknown and suggest(heading, [column]))
         ]
         got = f'"{near[0]}"' if near else "none"
         messages.append(f"{name}:1: {column}: expected this column, got {got}")
         unknown = [heading for heading in unknown if heading not in near[:1]]
     listed = ", ".join(valid)
     messages += [
-        f"{name}:1: {column}: expected one of {listed}{meant(column, valid)}"
+        f"{name}:1: {column}: expected one of {listed}{suggest(column, valid)}"
         for column in unknown
     ]
     if messages:

@@ -18,7 +18,7 @@ from stiffscope.vjm.kinematics.continuation import (
     OPEN,
     RANGE,
     REACHED,
-    Reached,
+    KnownConfigurations,
     find_ranges,
     find_solver,
     follow_paths,
@@ -263,10 +263,10 @@ def learn_configurations(
     """Return a function like `configure` that is faster at poses among given ones (n, k)."""
     solver = find_solver(mechanism, "tool")
     home = mechanism.tool.home
-    known = Reached.among(solver, check_poses(mechanism, poses) - home)
+    known = KnownConfigurations.sample(solver, check_poses(mechanism, poses) - home)
 
     def find(points: Array) -> Configurations:
-        found = known.visit(points - home)
+        found = known.solve(points - home)
         lost = np.flatnonzero(found.failure)
         if not lost.size:
             return _configurations(solver, found)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
 
 from pydantic import BeforeValidator, Discriminator, Tag
 
-from stiffscope.errors import meant, naming, require
+from stiffscope.errors import naming, require, suggest
 from stiffscope.gap.campaign.campaign import InstrumentFrame, LoadPoint, Sensor
 from stiffscope.gap.campaign.header_values import ByName, Text, Texts, read_values
 from stiffscope.gap.campaign.quantities import AXES, JOINT, QUANTITIES, WRENCH
@@ -25,7 +25,7 @@ from stiffscope.gap.effects.instruments import INSTRUMENT, ROTATION, TRANSLATION
 from stiffscope.gap.effects.vocabulary import EFFECTS
 from stiffscope.robot.file import values as v
 from stiffscope.robot.file.description import ENDS
-from stiffscope.robot.file.parse import Source, blame, parse_text
+from stiffscope.robot.file.parse import Source, naming_key, parse_text
 from stiffscope.robot.file.quantities import ANGLE, LENGTH, show_value
 from stiffscope.robot.file.tables import one_of, read_table
 from stiffscope.robot.file.values import Reads, Says, Section
@@ -284,7 +284,7 @@ def _read_headings(columns: Mapping[str, str]) -> dict[str, str]:
     for column, heading in columns.items():
         key = ("columns", column)
         known = column in COLUMNS or column.startswith(JOINT)
-        guess = "" if known else meant(column, COLUMNS)
+        guess = "" if known else suggest(column, COLUMNS)
         require(known, key, f"one of {listed}, q:JOINT", f"{show_value(column)}{guess}")
         is_new = heading.strip() not in headings.values()
         require(
@@ -330,7 +330,7 @@ def _make_target(
     name: str, section: TargetSection, frames: tuple[str, ...]
 ) -> tuple[Sensor, ...]:
     """Return the channels of a target."""
-    with blame("sensors", name, "frame"):
+    with naming_key("sensors", name, "frame"):
         one_of(section.frame, frames, "a name of [frames]")
     x = (1.0, 0.0, 0.0)
     y = (0.0, 1.0, 0.0)

@@ -13,7 +13,7 @@ from stiffscope.responses.tables import Channel, read_direction
 from stiffscope.responses.units import read_unit
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file import values as v
-from stiffscope.robot.file.parse import blame
+from stiffscope.robot.file.parse import naming_key
 from stiffscope.robot.file.values import Reads, Says, Section
 from stiffscope.vjm.vibration.pencil import Drives
 
@@ -180,5 +180,5 @@ def _read_quantity(
     quantity: Quantity = require_given(given, (*key, "quantity"), what)
     if section.units is None:
         return quantity, 1.0
-    with blame(*key, "units", inner=True):
+    with naming_key(*key, "units", inner=True):
         return quantity, read_unit(section.units, quantity)

@@ -17,7 +17,7 @@ import stiffscope.gap.effects
 from stiffscope.errors import InputError, require
 from stiffscope.gap.effects.effect import Effect, Setting
 from stiffscope.gap.effects.elements import change_robot
-from stiffscope.robot.file.parse import blame
+from stiffscope.robot.file.parse import naming_key
 from stiffscope.robot.nominal import NominalRobot
 
 if TYPE_CHECKING:
@@ -141,7 +141,7 @@ def apply_effects(mechanism: Mechanism, robot: RobotFile) -> Mechanism:
     """
     nominal = NominalRobot(mechanism, robot)
     for number, each in enumerate(robot.effects):
-        with robot.source.refusing(), blame("effects", number):
+        with robot.source.refusing(), naming_key("effects", number):
             nominal = apply_effect(nominal, each.effect, each.place, each.parameters)
     return nominal.mechanism
 
@@ -149,5 +149,5 @@ def apply_effects(mechanism: Mechanism, robot: RobotFile) -> Mechanism:
 def check_effects(robot: RobotFile) -> None:
     """Raise InputError, with the line in the file, for an adopted effect that no robot can have."""
     for number, each in enumerate(robot.effects):
-        with robot.source.refusing(), blame("effects", number):
+        with robot.source.refusing(), naming_key("effects", number):
             _check_words(each.effect, each.place, each.parameters)

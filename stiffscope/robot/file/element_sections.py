@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, Discriminator, Tag, model_validator
 from stiffscope.errors import InputError, require, require_given
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file import values as v
-from stiffscope.robot.file.parse import Source, blame, parse_text
+from stiffscope.robot.file.parse import Source, naming_key, parse_text
 from stiffscope.robot.file.tables import one_of, read_table
 from stiffscope.robot.file.values import Says, Section
 from stiffscope.vjm.elements import machine_elements as me
@@ -370,6 +370,6 @@ def read_element(path: Path, text: str) -> ElementSection:
     """Read an element from its own file; raise InputError with file, line and field if invalid."""
     data = parse_text(path, text, "a file of an element")
     with Source(path, text).refusing():
-        with blame("kind"):
+        with naming_key("kind"):
             kind = one_of(data.get("kind"), ELEMENTS, "a kind of element")
         return read_table(ELEMENTS[kind], data, ())

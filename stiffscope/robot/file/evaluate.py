@@ -17,7 +17,7 @@ from stiffscope.robot.file.expressions import (
     parse,
     refuse_name,
 )
-from stiffscope.robot.file.parse import blame
+from stiffscope.robot.file.parse import naming_key
 from stiffscope.robot.file.part_sections import PARTS
 from stiffscope.robot.file.values import Reads, measured_quantity, read_any
 
@@ -72,7 +72,7 @@ def evaluate(
         for key, value, field in _list_given(data).values():
             given = value is not None and not is_expression(value)
             for reads in field.metadata if field is not None and given else ():
-                with blame(*key):
+                with naming_key(*key):
                     reads.read(value) if isinstance(reads, Reads) else None
         raise
 
@@ -149,7 +149,7 @@ def _parameter_values(data: Mapping[str, Any]) -> dict[str, float]:
         if is_expression(value):
             expressions[name] = _parse(key, value, given)
         elif key[0] == "parameters":
-            with blame(*key):
+            with naming_key(*key):
                 values[name] = measured_quantity(value)
         else:
             with suppress(
@@ -180,7 +180,7 @@ def _list_given(
     found: dict[str, tuple[Key, Any, FieldInfo | None]] = {}
     for name, value in data.get("parameters", {}).items():
         key = ("parameters", name)
-        with blame(*key):
+        with naming_key(*key):
             refuse_name(name)
         other = found.get(normalize(name))
         got = f'"{name}", one letter with "{other[0][1] if other else ""}"'
@@ -211,7 +211,7 @@ def _list_given(
 
 
 def _parse(key: Key, text: str, known: Mapping[str, Any]) -> Expression:
-    with blame(*key):
+    with naming_key(*key):
         expression = parse(text)
         check_names(expression, known)
         return expression
@@ -220,7 +220,7 @@ def _parse(key: Key, text: str, known: Mapping[str, Any]) -> Expression:
 def _evaluate(key: Key, expression: Expression, values: Mapping[str, float]) -> float:
     for name in expression.names:
         require(name in values, key, "names of numbers", f'"{name}", which is none')
-    with blame(*key):
+    with naming_key(*key):
         known = {
             name: getattr(values[name], "powers", None) for name in expression.names
         }

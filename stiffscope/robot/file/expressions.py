@@ -14,7 +14,7 @@ import unicodedata
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.errors import meant, require, say_count
+from stiffscope.errors import require, say_count, suggest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping
@@ -127,7 +127,7 @@ def check_names(expression: Expression, known: Collection[str]) -> None:
             listed = ", ".join(sorted(known)[:12]) or "(none)"
             what = f"a name of [parameters] or part.parameter ({listed})"
             raise ValueError(
-                f'expected {what}, got "{name}"{meant(name, sorted(known))}'
+                f'expected {what}, got "{name}"{suggest(name, sorted(known))}'
             )
 
 

@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from stiffscope.cad.materials import MATERIALS
-from stiffscope.errors import InputError, meant, require
+from stiffscope.errors import InputError, require, suggest
 from stiffscope.robot.file.copies import copied_names
 from stiffscope.robot.file.part_sections import PARTS, InterfacePart
 from stiffscope.robot.file.sections import JOINTS, ElasticBody, InterfaceBody, RigidBody
@@ -184,14 +184,14 @@ def locate(text: str, names: Mapping[str, Sequence[str]]) -> Override:
     if section == "parameters" and rest not in (there := names.get(section, ())):
         what = f"a parameter of the file ({list_some(there) or 'it has none'})"
         raise InputError(
-            f'--set {text}: expected {what}, got "{rest}"{meant(rest, there)}'
+            f'--set {text}: expected {what}, got "{rest}"{suggest(rest, there)}'
         )
     if section in TABLES:
         inside = _ways(rest, names.get(section, ())) if section in _NESTED else []
         found.append((section, *(inside[0] if inside else rest.split("."))))
     if not found:
         known = [each for section in NAMED for each in names.get(section, ())]
-        guess = meant(section, [*known, *TABLES])
+        guess = suggest(section, [*known, *TABLES])
         what = (
             f"NAME.KEY=VALUE with a NAME of {list_some(known)} or {', '.join(TABLES)}"
         )

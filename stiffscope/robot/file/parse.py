@@ -30,7 +30,7 @@ _DOTTED = re.compile(
 
 
 @contextmanager
-def blame(*key: str | int, inner: bool = False) -> Iterator[None]:
+def naming_key(*key: str | int, inner: bool = False) -> Iterator[None]:
     """Convert a ValueError in the block to a FieldError of a key, or of an inner key that it names."""
     try:
         yield

@@ -11,7 +11,7 @@ from stiffscope.fea.superelement_files import read_superelement
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file import sections
 from stiffscope.robot.file.description import RobotFile, find_element
-from stiffscope.robot.file.parse import blame
+from stiffscope.robot.file.parse import naming_key
 from stiffscope.robot.file.part_sections import (
     PARTS,
     Fibrous,
@@ -174,7 +174,7 @@ def _with_matrices(table: dict[str, Any], folder: Path, key: Key) -> dict[str, A
     file = table["file"]
     form = 'a path such as "bracket.npz"'
     require(isinstance(file, str), (*key, "file"), form, q.show_value(file))
-    with blame(*key, "file"):
+    with naming_key(*key, "file"):
         found = read_superelement(folder / table["file"])
         interfaces = table.get("interfaces", found.interfaces)
         require(
@@ -226,7 +226,7 @@ def _choose(
     """Return the kind of a table, given by its key ``word``; raise FieldError if invalid."""
     require(isinstance(table, dict), key, "a table", q.show_value(table))
     require(word in table, (*key, word), f"{what} ({', '.join(valid)})", "nothing")
-    with blame(*key, word):
+    with naming_key(*key, word):
         return one_of(table[word], valid, what)
 
 
@@ -296,7 +296,7 @@ def _read_groups(
         form = "a list of bodies and joints"
         require(isinstance(listed, list), key, form, q.show_value(listed))
         for number, each in enumerate(listed):
-            with blame(*key, number):
+            with naming_key(*key, number):
                 if not isinstance(each, str) or not find_element(each, bodies, joints):
                     others = [other for other in table if other != name]
                     one_of(each, [*elements, *others], "a body, a joint or a group")
@@ -350,7 +350,7 @@ def read_pose(value: Any, tool: sections.ToolSection, key: Key) -> tuple[float, 
     )
     found = []
     for number, (name, each) in enumerate(zip(tool.pose, value, strict=True)):
-        with blame(*key, number):
+        with naming_key(*key, number):
             dimension = q.LENGTH if name in sections.AXES[:3] else q.ANGLE
             found.append(q.to_si(each, dimension, sign="any"))
     return tuple(found)
