@@ -25,7 +25,7 @@ from stiffscope.errors import (
 )
 from stiffscope.registry import SUBJECTS, commands
 from stiffscope.runtime.output import FULL
-from stiffscope.runtime.reading import show_path
+from stiffscope.runtime.reading import describe_cause, show_path
 from stiffscope.runtime.signals import STOPS
 
 _FOR_DEVELOPERS = {
