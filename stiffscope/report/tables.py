@@ -178,7 +178,7 @@ def show_yielding(names: Sequence[str], shares: Mapping[str, Any]) -> None:
     listed = order[:MOST_YIELDING]
     rows = [(part, *(f"{100 * v:z.1f}" for v in share)) for part, share in listed]
     if len(order) > len(listed):
-        rest = sum(np.asarray(share) for _, share in order[MOST_YIELDING:])
+        rest = np.sum([share for _, share in order[MOST_YIELDING:]], axis=0)
         others = f"{len(order) - len(listed)} others"
         rows.append((others, *(f"{100 * v:z.1f}" for v in rest)))
     groups = (("component",), *((name,) for name in names))

@@ -17,6 +17,8 @@ from stiffscope.fea.experiment import Experiment
 from stiffscope.report.part_tables import show_compliance
 from stiffscope.robot.part_matrices import beam_compliance
 from stiffscope.robot.reader import load_robot
+from stiffscope.runtime.cache import CONDENSED, WHOLE
+from tests.experiments.one_part import ROD, one_part
 
 pytestmark = pytest.mark.slow
 
@@ -183,4 +185,24 @@ def test_what_yields_most_under_a_push_stands_first(tmp_path, capsys):
     first, second = (line.split() for line in shown if line.startswith("s"))
     assert (first[0], float(first[1])) == ("soft", pytest.approx(75.0, abs=0.1))
     assert (second[0], float(second[1])) == ("stiff", pytest.approx(25.0, abs=0.1))
-    assert "What yields most" in (tmp_path / "o" / "report.html").read_text()
+    page = (tmp_path / "o" / "report.html").read_text()
+    assert "What yields most" in page
+    assert "home: its one pose" in page
+
+
+def test_stiffness_needs_no_modes_of_the_parts(tmp_path, monkeypatch, capsys):
+    """The same stiffness and sag as with the modes that `modes` adds to the same mesh."""
+    monkeypatch.setenv("STIFFSCOPE_CACHE", str(tmp_path / "cache"))
+    one_part(tmp_path, ROD)
+    ask = ["stiffness", str(tmp_path / "robot.toml"), "--json", "-"]
+    assert _guarded(ask) == 0
+    without = json.loads(capsys.readouterr().out)
+    kept = "".join(str(each) for each in (tmp_path / "cache").rglob("*"))
+    assert CONDENSED in kept
+    assert WHOLE not in kept.replace(str(tmp_path), "").replace("experiment.npz", "")
+    assert _guarded(["modes", str(tmp_path / "robot.toml"), "--json", "-"]) == 0
+    capsys.readouterr()
+    assert _guarded(ask) == 0
+    whole = json.loads(capsys.readouterr().out)
+    for key in ("stiffness", "sag"):
+        assert without[key] == pytest.approx(np.array(whole[key]), rel=1e-9)

@@ -90,7 +90,8 @@ def stiffness(
         require_biglide(asked.configurations.mechanism)
     output.check_folder(superelement)
     manifest = manifest_of(robot)
-    assembled = assemble(robot, components, output)
+    # modes and fields take half of the time, and only a superelement has them
+    assembled = assemble(robot, components, output, whole=superelement is not None)
     at = asked.configurations
     with name_robot(robot):
         state = analyse(
@@ -118,10 +119,16 @@ def stiffness(
     emit(output, stiffness_json(state, bars), show)
 
 
-def assemble(robot: RobotFile, components: Any, output: Output) -> Assembled:
-    """Assemble the robot with its parts; show progress and warnings on standard error."""
+def assemble(
+    robot: RobotFile, components: Any, output: Output, *, whole: bool = True
+) -> Assembled:
+    """Assemble the robot with its parts; show progress and warnings on standard error.
+
+    Without ``whole``, its parts have neither modes nor fields, in half the time.
+    """
     with open_workshop(output) as shop:
-        made = assemble_robots({"now": robot}, components, shop)["now"]
+        robots = assemble_robots({"now": robot}, components, shop, whole=whole)
+        made = robots["now"]
     warn_of_robot(made)
     return made
 
