@@ -6,13 +6,19 @@ import math
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, cast
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Discriminator, Tag
 
 from stiffscope.errors import naming, require, suggest
 from stiffscope.gap.campaign.campaign import InstrumentFrame, LoadPoint, Sensor
-from stiffscope.gap.campaign.header_values import ByName, Text, Texts, read_values
+from stiffscope.gap.campaign.header_values import (
+    ByName,
+    Text,
+    Texts,
+    as_table,
+    read_values,
+)
 from stiffscope.gap.campaign.quantities import AXES, JOINT, QUANTITIES, WRENCH
 from stiffscope.gap.campaign.response_header import (
     ChannelSection,
@@ -119,15 +125,15 @@ _SENSORS = {
 
 
 def _check_measures(value: object) -> object:
-    if isinstance(value, dict):
-        measures = cast("dict[str, Any]", value).get("measures")
+    table = as_table(value)
+    if table is not None:
         with naming("sensor.measures"):
-            one_of(measures, _SENSORS, "a kind of reading")
+            one_of(table.get("measures"), _SENSORS, "a kind of reading")
     return value
 
 
 def _tag(value: object) -> str:
-    table = cast("dict[str, Any]", value) if isinstance(value, dict) else {}
+    table = as_table(value) or {}
     return f"tagged-{_SENSORS[table.get('measures', 'displacement')].__name__}"
 
 

@@ -49,10 +49,14 @@ def read_values(dimensions: Sequence[Dimension], what: str, sign: str = "any") -
     return Reads(read, says=what)
 
 
+def as_table(value: object) -> dict[str, Any] | None:
+    """Return a table; None of anything else."""
+    return cast("dict[str, Any]", value) if isinstance(value, dict) else None
+
+
 def _check_names(value: object) -> object:
     """Refuse names that no page or terminal shows."""
-    table = cast("dict[str, Any]", value) if isinstance(value, dict) else {}
-    for name in table:
+    for name in as_table(value) or ():
         shown = name.isprintable() and name and name == name.strip()
         what = "a name of printable characters without blanks around it"
         require(shown, f'section."{name}"', what, show_value(name))
