@@ -22,6 +22,8 @@ from stiffscope.fea.specimen import face_areas, interface_error, mesh_specimen
 from tests.fea.shapes import box
 from tests.validation import parts
 
+pytestmark = pytest.mark.slow
+
 
 def changed(surface, **changes):
     return SimpleNamespace(**{**vars(surface), **changes})
@@ -97,6 +99,7 @@ def test_exponents_are_williamss():
     assert (np.diff(fixed_exponent(np.radians(np.arange(150, 361)))) < 0).all()
 
 
+@pytest.mark.extended
 def test_a_traction_is_singular_where_it_ends_in_a_plane_only():
     part = parts.strip()
     mesh = mesh_specimen(
@@ -122,6 +125,7 @@ def test_an_interface_out_of_place_or_lost_is_an_error(stub):
     assert interface_error(specimen, lost) == (np.inf, np.inf)
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(
     ("patch", "area"), [(parts.strip, 0.03 * 0.02), (parts.disc, np.pi * 0.008**2)]
 )
