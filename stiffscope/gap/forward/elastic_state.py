@@ -82,6 +82,8 @@ class ElasticState:
             return rest
         order = find_order(self.mechanism, self.at.configurations.linkage)
         offsets = find_offsets(order, rest)
+        if not offsets:
+            return rest
         first = self.at.displace(offsets)
         if first is None:
             first = solve_loads(order, rest, Loads(1, {}, offsets), "nodes")
