@@ -16,15 +16,16 @@ prediction, and no cause: readings and derivatives are without what these can fo
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from stiffscope.gap.campaign.response_lines import stack_parts
 from stiffscope.responses.model import DERIVATIVES
-from stiffscope.vjm.vibration.modal_model import solve_all_modes
+from stiffscope.vjm.network.network import place_nodes
+from stiffscope.vjm.vibration.modal_model import SolvedModes, solve_all_modes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -34,9 +35,9 @@ if TYPE_CHECKING:
     from stiffscope.responses.model import Direction
     from stiffscope.runtime.types import Array, Complex, Flags, Indices
     from stiffscope.vjm.model.mechanism import Mechanism
-    from stiffscope.vjm.network.loading import Response as StaticResponse
+    from stiffscope.vjm.network.network import Places
+    from stiffscope.vjm.vibration.changed_modes import ChangedModes
     from stiffscope.vjm.vibration.coordinates import PointMass
-    from stiffscope.vjm.vibration.modal_model import ModalModel
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,15 @@ class NuisanceSettings:
         Of every direction of force or motion, rad.
     damping
         Of the logarithm of a mode's damping ratio.
+    coupling
+        Of the coupling of the damping of two close modes, relative to their own.
+    coupled
+        Largest coupling.
+    close
+        Distance of close modes, relative to frequency, over their damping ratio: twice the
+        half-power width.
+    heard
+        Height of a mode's peak over the noise from which its damping is fitted.
     rounds
         Most steps of the fit of damping.
     step
@@ -69,6 +79,10 @@ class NuisanceSettings:
     gain: float = 0.015
     turn: float = 0.015
     damping: float = 1.0
+    coupling: float = 0.5
+    coupled: float = 0.95
+    close: float = 4.0
+    heard: float = 0.3
     rounds: int = 3
     step: float = 1.0
     settled: float = 0.01
@@ -172,6 +186,117 @@ def _find_inertia(payload: Payload) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
+class _Damping:
+    """Damping of modes: ratios (d,), and couplings of close ones, relative to those of the pair.
+
+    Modes closer than their half-power widths share their damping: its matrix is not diagonal.
+
+    Attributes
+    ----------
+    ratios
+        Damping ratios (d,).
+    fitted
+        Modes (a,) whose ratio is fitted.
+    pairs
+        Coupled modes (b, 2).
+    coupling
+        Couplings (b,), within ±1.
+    """
+
+    ratios: Array
+    fitted: Indices
+    pairs: Indices
+    coupling: Array
+
+    def move(self, change: Array, limits: NuisanceSettings) -> tuple[_Damping, float]:
+        """Return the damping after a change (a + b,) in prior sizes, and the largest change."""
+        count = len(self.fitted)
+        step = np.clip(change[:count] * limits.damping, -limits.step, limits.step)
+        ratios = self.ratios.copy()
+        now = ratios[self.fitted] * np.exp(step)
+        ratios[self.fitted] = np.clip(now, limits.least, limits.most)
+        most = limits.coupled
+        coupling = np.clip(
+            self.coupling + change[count:] * limits.coupling, -most, most
+        )
+        moved = np.abs(np.concatenate([step, coupling - self.coupling]))
+        out = replace(self, ratios=ratios, coupling=coupling)
+        return out, float(moved.max(initial=0.0))
+
+    def scale_pairs(self, critical: Array) -> Array:
+        """Return the damping (b,) of a coupling of one, for critical damping (d,)."""
+        first, second = self.pairs.T
+        whole = self.ratios * critical
+        return np.sqrt(whole[first] * whole[second])
+
+    def find_clusters(self) -> list[Indices]:
+        """Return modes that are coupled, cluster by cluster."""
+        joined: dict[int, set[int]] = {}
+        for (i, j), size in zip(self.pairs.tolist(), self.coupling, strict=True):
+            if size:
+                both = joined.get(i, {i}) | joined.get(j, {j})
+                joined.update(dict.fromkeys(both, both))
+        distinct = {min(each): each for each in joined.values()}
+        return [np.array(sorted(each)) for each in distinct.values()]
+
+    def couple(self, cluster: Indices, critical: Array) -> Array:
+        """Return the damping matrix (n, n) between the modes of a cluster, without its diagonal."""
+        out = np.zeros((len(cluster), len(cluster)))
+        sizes = self.coupling * self.scale_pairs(critical)
+        for (i, j), size in zip(self.pairs, sizes, strict=True):
+            if i in cluster and j in cluster:
+                a, b = np.searchsorted(cluster, (i, j))
+                out[a, b] = size
+                out[b, a] = size
+        return out
+
+
+def spread_inertia(payload: Payload | MassRate, where: Places) -> Array:
+    """Return inertia (6, 6) of a payload, or its rate, about its point in base axes, as displaced."""
+    turn = np.asarray(where.rotation[payload.body]).reshape(-1, 3, 3)[0]
+    arm = turn @ payload.moments
+    inertia = (
+        payload.inertia if isinstance(payload, MassRate) else _find_inertia(payload)
+    )
+    matrix = np.zeros((6, 6))
+    matrix[:3, :3] = payload.mass * np.eye(3)
+    lever = np.cross(np.eye(3), arm).T  # v · (ω × a)
+    matrix[:3, 3:] = lever
+    matrix[3:, :3] = lever.T
+    matrix[3:, 3:] = turn @ inertia @ turn.T
+    return matrix
+
+
+class Modes(Protocol):
+    """Modes of a robot: a static part of flexibilities (k,), and d modes with mass."""
+
+    @property
+    def mass(self) -> Array:
+        """Modal masses (d,)."""
+        ...
+
+    @property
+    def stiffness(self) -> Array:
+        """Modal stiffnesses (d,)."""
+        ...
+
+    @property
+    def static(self) -> Array:
+        """Flexibilities (k,) of the static part."""
+        ...
+
+    def displace(self, node: str, at: Array) -> tuple[Array, Array]:
+        """Return twists (6, k) and (6, d) of a node's home point in base axes."""
+        ...
+
+    def find_wrenches(
+        self, name: str, points: Sequence[tuple[str, Array, Array]]
+    ) -> tuple[Array, Array]:
+        """Return wrenches (6m, p) in an element under forces, and (6m, d) by inertial loads."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
 class ResponseState:
     """One block of responses of a robot with changed elements and masses; all lazy and cached.
 
@@ -183,30 +308,40 @@ class ResponseState:
         The robot with its changes.
     masses
         On it, besides the sensors' stated masses.
+    changed
+        Its modes in terms of those of the robot without changes; None: they are solved.
     """
 
     block: ResponseBlock
     mechanism: Mechanism
     masses: tuple[PointMass, ...] = ()
     settings: NuisanceSettings = SETTINGS
-    _twists: dict[Any, Array] = field(default_factory=dict[Any, Any])
+    changed: ChangedModes | None = None
+    _twists: dict[Any, Any] = field(default_factory=dict[Any, Any])
     _fields: dict[Any, Any] = field(default_factory=dict[Any, Any])
 
     @cached_property
-    def modal(self) -> ModalModel:
-        """All modes."""
+    def solved(self) -> SolvedModes:
+        """All modes of the robot with its changes, solved anew."""
         measured = self.block.measured
-        return solve_all_modes(
-            self.mechanism,
-            measured.configuration,
-            drives=measured.setup.drives,
-            masses=self.masses,
+        return SolvedModes(
+            solve_all_modes(
+                self.mechanism,
+                measured.configuration,
+                drives=measured.setup.drives,
+                masses=self.masses,
+            )
         )
+
+    @property
+    def modes(self) -> Modes:
+        """All modes."""
+        return self.solved if self.changed is None else self.changed
 
     @cached_property
     def frequencies(self) -> Array:
-        """Natural frequencies (c,), Hz: infinite of massless modes."""
-        return np.sqrt(self.modal.squares) / (2.0 * np.pi)
+        """Natural frequencies (d,), Hz, of the modes with mass."""
+        return np.sqrt(self.modes.stiffness / self.modes.mass) / (2.0 * np.pi)
 
     @cached_property
     def ends(self) -> list[Direction]:
@@ -229,17 +364,12 @@ class ResponseState:
             ]
         )
 
-    def displace(self, node: str, at: Array) -> Array:
-        """Return the twists (6, c) of a node's home point in base axes, in every mode."""
+    def displace(self, node: str, at: Array) -> tuple[Array, Array]:
+        """Return the twists of a node's home point: (6, k) in the static part, (6, d) in modes."""
         key = node, tuple(np.asarray(at, dtype=float).tolist())
         if key not in self._twists:
-            self._twists[key] = self.modal.displace(node, at)
+            self._twists[key] = self.modes.displace(node, at)
         return self._twists[key]
-
-    def displace_point(self, name: str) -> Array:
-        """Return the twists (6, c) of a measured point."""
-        measured = self.block.measured
-        return self.displace(measured.point(name).body, measured.places[name])
 
     @cached_property
     def directions(self) -> Array:
@@ -247,32 +377,41 @@ class ResponseState:
         return np.array([self.block.measured.find_direction(end) for end in self.ends])
 
     @cached_property
-    def ports(self) -> Array:
-        """Displacements (p, c) of the ports in every mode."""
+    def _both_ports(self) -> tuple[Array, Array]:
         return self._project(self.directions)
 
-    def _project(self, directions: Array) -> Array:
-        """Return displacements (p, c) along directions (p, 6) at the ports' points."""
-        moved = [
-            along @ self.displace_point(end.point)
-            for end, along in zip(self.ends, directions, strict=True)
-        ]
-        return np.array(moved)
+    @property
+    def ports(self) -> Array:
+        """Displacements (p, d) of the ports in every mode."""
+        return self._both_ports[1]
+
+    def _project(self, directions: Array) -> tuple[Array, Array]:
+        """Return displacements (p, k) and (p, d) along directions (p, 6) at the ports' points."""
+        measured = self.block.measured
+        static: list[Array] = []
+        moving: list[Array] = []
+        for end, along in zip(self.ends, directions, strict=True):
+            body = measured.point(end.point).body
+            still, moved = self.displace(body, measured.places[end.point])
+            static.append(along @ still)
+            moving.append(along @ moved)
+        return np.array(static), np.array(moving)
 
     @cached_property
-    def _crossing(self) -> tuple[Array, Array]:
-        """Displacements (p, c) along two directions square to each port's."""
+    def _crossing(self) -> list[tuple[Array, Array]]:
+        """Displacements along two directions square to each port's."""
         own = self.directions[:, :3] + self.directions[:, 3:]
         least = np.eye(3)[np.argmin(np.abs(own), axis=1)]
         second = np.cross(own, least)
         second = second / np.linalg.norm(second, axis=1, keepdims=True)
         third = np.cross(own, second)
         turns: Flags = np.any(self.directions[:, 3:] != 0.0, axis=1, keepdims=True)
-        spread = [
-            np.hstack([np.where(turns, 0.0, each), np.where(turns, each, 0.0)])
+        return [
+            self._project(
+                np.hstack([np.where(turns, 0.0, each), np.where(turns, each, 0.0)])
+            )
             for each in (second, third)
         ]
-        return self._project(spread[0]), self._project(spread[1])
 
     @cached_property
     def s(self) -> Complex:
@@ -290,87 +429,154 @@ class ResponseState:
         return (self.s / line) ** np.array(orders)[:, None]
 
     @cached_property
-    def _damped(self) -> Indices:
-        """Modes (d,) whose damping is fitted: those in or beside the band."""
+    def _nominal_damping(self) -> _Damping:
+        """Usual damping of the modes, and those that are fitted: heard in the band, or close."""
         lines = self.block.frequency
-        beside = self.settings.beside
+        limits = self.settings
         found = self.frequencies
-        return np.flatnonzero(
-            (found > lines[0] / beside) & (found < lines[-1] * beside)
+        ratio = self.block.damping
+        beside = (found > lines[0] / limits.beside) & (
+            found < lines[-1] * limits.beside
+        )
+        modes = np.flatnonzero(beside)
+        # the peak of each mode, 1/(2 ζ k), in the responses over their noise nearby
+        near = np.abs(np.log(found[modes, None] / lines)).argmin(axis=1)
+        force, motion = self.pairs.T
+        part = self.ports[force][:, modes] * self.ports[motion][:, modes]
+        peak = np.abs(part) / (2.0 * ratio * self.modes.stiffness[modes])
+        noise = self.block.noise[:, near]
+        heard = np.any(peak > limits.heard * noise, axis=0)
+        fitted = modes[heard]
+        apart = np.abs(np.log(found[fitted, None] / found[fitted]))
+        close = np.argwhere(np.triu(apart < limits.close * ratio, 1))
+        return _Damping(
+            np.full(len(found), ratio), fitted, fitted[close], np.zeros(len(close))
         )
 
     @cached_property
-    def _fitted(self) -> tuple[Array, Complex, Complex, _Nuisance]:
-        """Damping ratios (c,), flexibilities g (c, f), lines (r, f), and nuisances."""
-        ratios = np.full(len(self.modal.mass), self.block.damping)
+    def _fitted(self) -> tuple[_Damping, Complex, Complex, _Nuisance]:
+        """Damping, amplitudes (d, p, f), lines (r, f), and nuisances."""
+        damping = self._nominal_damping
         limits = self.settings
-        flexibility = self._respond(ratios)
-        lines = self._superpose(flexibility)
-        nuisance = self._find_nuisance(ratios, flexibility, lines)
-        d = len(self._damped)
+        amplitudes = self._respond(damping)
+        lines = self._superpose(amplitudes)
+        nuisance = self._find_nuisance(damping, amplitudes, lines)
+        d = len(damping.fitted)
         fits = d > 0 and self.block.mean is None  # local means hardly show damping
         for _ in range(limits.rounds if fits else 0):
             left = (self.block.value - self.block.read(lines)) * self.block.weight
-            change = nuisance.solve(left)[:d] * limits.damping
-            change = np.clip(change, -limits.step, limits.step)
-            ratios = ratios.copy()
-            now = ratios[self._damped] * np.exp(change)
-            ratios[self._damped] = np.clip(now, limits.least, limits.most)
-            flexibility = self._respond(ratios)
-            lines = self._superpose(flexibility)
-            nuisance = self._find_nuisance(ratios, flexibility, lines)
-            if np.abs(change).max() < limits.settled:
+            change = nuisance.solve(left)[: d + len(damping.coupling)]
+            damping, moved = damping.move(change, limits)
+            amplitudes = self._respond(damping)
+            lines = self._superpose(amplitudes)
+            nuisance = self._find_nuisance(damping, amplitudes, lines)
+            if moved < limits.settled:
                 break
-        return ratios, flexibility, lines, nuisance
+        return damping, amplitudes, lines, nuisance
 
     @property
     def damping(self) -> Array:
-        """Fitted damping ratios (c,) of all modes; those out of the band have the usual one."""
-        return self._fitted[0]
+        """Fitted damping ratios (d,) of all modes; those out of the band have the usual one."""
+        return self._fitted[0].ratios
 
     @property
     def lines(self) -> Complex:
         """Predicted lines (r, f), m/N, without errors of channels."""
         return self._fitted[2]
 
-    def _respond(self, ratios: Array) -> Complex:
-        """Return the flexibilities g (c, f) of modes with damping ratios (c,)."""
-        mass = self.modal.mass[:, None]
-        stiffness = self.modal.stiffness[:, None]
-        loss = 2.0 * ratios[:, None] * np.sqrt(stiffness * mass)
-        return 1.0 / (stiffness + self.s * (loss + self.s * mass))
+    @property
+    def amplitudes(self) -> Complex:
+        """Amplitudes (d, p, f) of the modes under unit forces at the ports."""
+        return self._fitted[1]
 
-    def _superpose(self, flexibility: Complex) -> Complex:
+    @cached_property
+    def _loss(self) -> Array:
+        """Critical damping (d,) of the modes, ``2 √(k m)``."""
+        return 2.0 * np.sqrt(self.modes.stiffness * self.modes.mass)
+
+    def _respond(self, damping: _Damping) -> Complex:
+        """Return the amplitudes (d, p, f) of the modes under unit forces at the ports."""
+        s = self.s
+        mass = self.modes.mass[:, None]
+        stiffness = self.modes.stiffness[:, None]
+        loss = (damping.ratios * self._loss)[:, None]
+        own = 1.0 / (stiffness + s * (loss + s * mass))
+        out = own[:, None] * self.ports.T[..., None]
+        for cluster in damping.find_clusters():
+            whole = damping.couple(cluster, self._loss)
+            dynamic = s[:, None, None] * whole
+            at = np.arange(len(cluster))
+            dynamic[:, at, at] = 1.0 / own[cluster].T
+            forces = np.broadcast_to(
+                self.ports.T[cluster].astype(complex),
+                (len(s), len(cluster), len(self.ports)),
+            )
+            out[cluster] = np.moveaxis(np.linalg.solve(dynamic, forces), 0, -1)
+        return out
+
+    def _combine(
+        self,
+        left: tuple[Array, Array],
+        amplitudes: Complex,
+        right: Indices,
+    ) -> Complex:
+        """Return motions (r, f) along functionals (r, k), (r, d), for forces at ports (r,)."""
+        still, moved = left
+        static = self._both_ports[0]
+        out = np.empty((len(right), amplitudes.shape[2]), dtype=complex)
+        flexible = still * self.modes.static
+        for port in np.unique(right):
+            rows = np.flatnonzero(right == port)
+            out[rows] = moved[rows] @ amplitudes[:, port]
+            out[rows] += (flexible[rows] @ static[port])[:, None]
+        return out
+
+    def _superpose(self, amplitudes: Complex) -> Complex:
         force, motion = self.pairs.T
-        part = self.ports[force] * self.ports[motion]
-        return (part @ flexibility) * self.window
+        static, moving = self._both_ports
+        left = static[motion], moving[motion]
+        return self._combine(left, amplitudes, force) * self.window
 
     def _find_nuisance(
-        self, ratios: Array, flexibility: Complex, lines: Complex
+        self, damping: _Damping, amplitudes: Complex, lines: Complex
     ) -> _Nuisance:
         """Return the nuisances about predicted lines (r, f): damping first, then directions."""
         force, motion = self.pairs.T
-        d = self._damped
+        limits = self.settings
+        d = damping.fitted
         r = len(lines)
-        part = self.ports[force][:, d] * self.ports[motion][:, d]
-        size = 2.0 * ratios[d] * np.sqrt(self.modal.stiffness[d] * self.modal.mass[d])
-        slope = -(size[:, None] * self.s) * flexibility[d] ** 2
         weight = self.block.weight[..., None]
-        damping = part[:, None] * slope.T * self.window[..., None]
-        columns = [self.settings.damping * self.block.read(damping) * weight]
+        size = damping.ratios[d] * self._loss[d]
+        turned = amplitudes[:, force], amplitudes[:, motion]  # (d, r, f)
+        slope = -size[:, None, None] * self.s * turned[0][d] * turned[1][d]
+        mixed = [
+            -(size_of * self.s)
+            * (turned[0][i] * turned[1][j] + turned[0][j] * turned[1][i])
+            for (i, j), size_of in zip(
+                damping.pairs, damping.scale_pairs(self._loss), strict=True
+            )
+        ]
+        slopes = np.concatenate(
+            [
+                limits.damping * slope,
+                limits.coupling * np.array(mixed).reshape(-1, *lines.shape),
+            ]
+        )
+        window = self.window[..., None]
+        columns = [self.block.read(np.moveaxis(slopes, 0, 2) * window) * weight]
         rows = np.arange(r)
         for side, other in ((force, motion), (motion, force)):
             known, which = np.unique(side, return_inverse=True)
-            crossing = np.stack([each[side] for each in self._crossing], axis=2)
-            turned = [
-                (crossing[..., k] * self.ports[other]) @ flexibility * self.window
-                for k in range(crossing.shape[2])
+            crossed = [
+                self._combine((still[side], moved[side]), amplitudes, other)
+                * self.window
+                for still, moved in self._crossing
             ]
-            seen = self.block.read(np.stack(turned, axis=2)) * weight
+            seen = self.block.read(np.stack(crossed, axis=2)) * weight
             apart = np.zeros((*seen.shape, len(known)), dtype=complex)
-            apart[rows, ..., which] = self.settings.turn * seen
+            apart[rows, ..., which] = limits.turn * seen
             columns.append(apart.reshape(*seen.shape[:2], -1))
-        gain = self.settings.gain * self.block.read(lines) * self.block.weight
+        gain = limits.gain * self.block.read(lines) * self.block.weight
         return _Nuisance.find(gain, np.concatenate(columns, axis=2))
 
     def share(self, change: Complex) -> Array:
@@ -397,63 +603,47 @@ class ResponseState:
         shown = self.block.read(columns * self.window[..., None])
         return self._spread[:, None] * self.share(shown * self.block.weight[..., None])
 
-    @property
-    def flexibility(self) -> Complex:
-        """Flexibilities g (c, f) of the modes."""
-        return self._fitted[1]
-
     def move(self, node: str, at: Array) -> Complex:
         """Return the motion (6, p, f) of a node's point under unit forces at the ports."""
         key = "move", node, tuple(np.asarray(at, dtype=float).tolist())
         if key not in self._fields:
-            twists = self.displace(node, at)
-            part = (twists[:, None] * self.ports).reshape(-1, twists.shape[1])
-            moved = part @ self.flexibility
-            self._fields[key] = moved.reshape(6, len(self.ports), -1)
+            still, moved = self.displace(node, at)
+            static = (still * self.modes.static) @ self._both_ports[0].T
+            out = np.tensordot(moved, self.amplitudes, axes=(1, 0))
+            self._fields[key] = out + static[..., None]
         return self._fields[key]
 
     @cached_property
-    def _moving(self) -> Indices:
-        """Modes (k,) whose inertial loads count."""
-        return np.flatnonzero(
-            self.frequencies < self.settings.static * self.block.frequency[-1]
-        )
-
-    @cached_property
-    def _static(self) -> StaticResponse:
-        """Response to unit forces at the ports, and the inertial loads."""
+    def _forces(self) -> list[tuple[str, Array, Array]]:
+        """Node, home point (3,) and unit wrench (6,) of each port."""
         measured = self.block.measured
-        points = [
-            (measured.point(end.point).body, measured.places[end.point], along[:, None])
+        return [
+            (measured.point(end.point).body, measured.places[end.point], along)
             for end, along in zip(self.ends, self.directions, strict=True)
         ]
-        return self.modal.solve_static(points, self._moving)
 
-    def _carry(self, static: Array) -> Complex:
-        """Return what acts (m, p, f) under unit forces at the ports, from static responses."""
-        p = len(self.ports)
-        moving = self._moving
-        m = len(static)
-        out = np.repeat(static[:, :p, None].astype(complex), len(self.s), axis=2)
-        loads = -(self.s**2) * self.flexibility[moving]
-        inertial = static[:, static.shape[1] - len(moving) :]
-        part = (inertial[:, None] * self.ports[:, moving]).reshape(m * p, -1)
-        out += (part @ loads).reshape(m, p, -1)
-        return out
+    def _carry(self, static: Array, inertial: Array) -> Complex:
+        """Return what acts (m, p, f) under unit forces at the ports, and inertial loads (m, d)."""
+        limit = self.settings.static * self.block.frequency[-1]
+        moving = np.flatnonzero(self.frequencies < limit)
+        loads = -(self.s**2) * self.amplitudes[moving]
+        return static[..., None] + np.tensordot(inertial[:, moving], loads, axes=(1, 0))
 
     def find_wrench(self, name: str) -> Complex:
         """Return wrenches (6m, p, f) in an element, own axes, under unit forces at the ports."""
         key = "wrench", name
         if key not in self._fields:
-            rows = self.mechanism.rows(name)
-            self._fields[key] = self._carry(self._static.find_wrench(rows)[0])
+            found = self.modes.find_wrenches(name, self._forces)
+            self._fields[key] = self._carry(*found)
         return self._fields[key]
 
     def find_motion(self, name: str) -> Complex:
         """Return motions (k, p, f) in a joint's free directions under unit forces at the ports."""
         key = "motion", name
         if key not in self._fields:
-            self._fields[key] = self._carry(self._static.elements[name].motions[0])
+            alone = self if self.changed is None else replace(self, changed=None)
+            found = alone.solved.find_motions(name, alone._forces)  # noqa: SLF001
+            self._fields[key] = alone._carry(*found)  # noqa: SLF001
         return self._fields[key]
 
     def _pair(self, acts: Complex, rates: Array) -> Complex:
@@ -493,19 +683,12 @@ class ResponseState:
     def load(self, rates: Sequence[MassRate | None], count: int) -> Complex:
         """Return derivatives (r, f, k) by masses, one for each of k parameters or None."""
         out = self._sum((), count)
-        where = self.modal.system.where
+        where = place_nodes(self.block.measured.configuration[:1])
         for k, rate in enumerate(rates):
             if rate is None:
                 continue
             moved = self.move(rate.body, rate.at)
-            turn = np.asarray(where.rotation[rate.body]).reshape(-1, 3, 3)[0]
-            arm = turn @ rate.moments
-            matrix = np.zeros((6, 6))
-            matrix[:3, :3] = rate.mass * np.eye(3)
-            lever = np.cross(np.eye(3), arm).T  # v · (ω × a)
-            matrix[:3, 3:] = lever
-            matrix[3:, :3] = lever.T
-            matrix[3:, 3:] = turn @ rate.inertia @ turn.T
+            matrix = spread_inertia(rate, where)
             out[..., k] = -(self.s**2) * self._pair(moved, matrix[None])[..., 0]
         return out
 
