@@ -74,6 +74,8 @@ class NuisanceSettings:
     static
         Frequency of modes over the highest line from which inertial loads are left out of
         derivatives.
+    far
+        The same from which modes have no damping, and no more than their inertia.
     """
 
     gain: float = 0.015
@@ -90,6 +92,7 @@ class NuisanceSettings:
     most: float = 0.3
     beside: float = 1.15
     static: float = 4.0
+    far: float = 10.0
 
 
 SETTINGS = NuisanceSettings()
@@ -429,23 +432,47 @@ class ResponseState:
         return (self.s / line) ** np.array(orders)[:, None]
 
     @cached_property
+    def _near(self) -> Indices:
+        """Modes (a,) whose resonance lines show; those far above follow, but for their inertia."""
+        limit = self.settings.far * self.block.frequency[-1]
+        return np.flatnonzero(self.frequencies < limit)
+
+    @cached_property
+    def _functionals(self) -> tuple[Array, Array]:
+        """Displacements of the ports, then across them (3p, k) and (3p, d)."""
+        static, moving = zip(self._both_ports, *self._crossing, strict=True)
+        return np.vstack(static), np.vstack(moving)
+
+    @cached_property
+    def _rest(self) -> tuple[Array, Array]:
+        """Flexibility (3p, p) of all that has no resonance here, and what is multiplied by s²."""
+        still, moved = self._functionals
+        p = len(self.ends)
+        far = np.setdiff1d(np.arange(moved.shape[1]), self._near)
+        flexible = 1.0 / self.modes.stiffness[far]
+        static = (still * self.modes.static) @ still[:p].T
+        static = static + (moved[:, far] * flexible) @ moved[:p, far].T
+        inertia = self.modes.mass[far] * flexible**2
+        return static, -(moved[:, far] * inertia) @ moved[:p, far].T
+
+    @cached_property
     def _nominal_damping(self) -> _Damping:
-        """Usual damping of the modes, and those that are fitted: heard in the band, or close."""
+        """Usual damping of the near modes; fitted are those that are heard in or beside the band."""
         lines = self.block.frequency
         limits = self.settings
-        found = self.frequencies
+        found = self.frequencies[self._near]
         ratio = self.block.damping
         beside = (found > lines[0] / limits.beside) & (
             found < lines[-1] * limits.beside
         )
         modes = np.flatnonzero(beside)
         # the peak of each mode, 1/(2 ζ k), in the responses over their noise nearby
-        near = np.abs(np.log(found[modes, None] / lines)).argmin(axis=1)
+        at = np.abs(np.log(found[modes, None] / lines)).argmin(axis=1)
         force, motion = self.pairs.T
-        part = self.ports[force][:, modes] * self.ports[motion][:, modes]
-        peak = np.abs(part) / (2.0 * ratio * self.modes.stiffness[modes])
-        noise = self.block.noise[:, near]
-        heard = np.any(peak > limits.heard * noise, axis=0)
+        own = self._near[modes]
+        part = self.ports[force][:, own] * self.ports[motion][:, own]
+        peak = np.abs(part) / (2.0 * ratio * self.modes.stiffness[own])
+        heard = np.any(peak > limits.heard * self.block.noise[:, at], axis=0)
         fitted = modes[heard]
         apart = np.abs(np.log(found[fitted, None] / found[fitted]))
         close = np.argwhere(np.triu(apart < limits.close * ratio, 1))
@@ -455,12 +482,13 @@ class ResponseState:
 
     @cached_property
     def _fitted(self) -> tuple[_Damping, Complex, Complex, _Nuisance]:
-        """Damping, amplitudes (d, p, f), lines (r, f), and nuisances."""
+        """Damping, amplitudes (a, p, f) of near modes, lines (r, f), and nuisances."""
         damping = self._nominal_damping
         limits = self.settings
         amplitudes = self._respond(damping)
-        lines = self._superpose(amplitudes)
-        nuisance = self._find_nuisance(damping, amplitudes, lines)
+        received = self._receive(amplitudes)
+        lines = self._pick_lines(received)
+        nuisance = self._find_nuisance(damping, amplitudes, received)
         d = len(damping.fitted)
         fits = d > 0 and self.block.mean is None  # local means hardly show damping
         for _ in range(limits.rounds if fits else 0):
@@ -468,8 +496,9 @@ class ResponseState:
             change = nuisance.solve(left)[: d + len(damping.coupling)]
             damping, moved = damping.move(change, limits)
             amplitudes = self._respond(damping)
-            lines = self._superpose(amplitudes)
-            nuisance = self._find_nuisance(damping, amplitudes, lines)
+            received = self._receive(amplitudes)
+            lines = self._pick_lines(received)
+            nuisance = self._find_nuisance(damping, amplitudes, received)
             if moved < limits.settled:
                 break
         return damping, amplitudes, lines, nuisance
@@ -477,102 +506,96 @@ class ResponseState:
     @property
     def damping(self) -> Array:
         """Fitted damping ratios (d,) of all modes; those out of the band have the usual one."""
-        return self._fitted[0].ratios
+        out = np.full(len(self.frequencies), self.block.damping)
+        out[self._near] = self._fitted[0].ratios
+        return out
 
     @property
     def lines(self) -> Complex:
         """Predicted lines (r, f), m/N, without errors of channels."""
         return self._fitted[2]
 
-    @property
+    @cached_property
     def amplitudes(self) -> Complex:
         """Amplitudes (d, p, f) of the modes under unit forces at the ports."""
-        return self._fitted[1]
+        mass = self.modes.mass[:, None]
+        stiffness = self.modes.stiffness[:, None]
+        own = 1.0 / (stiffness + self.s**2 * mass)
+        out = own[:, None] * self.ports.T[..., None]
+        out[self._near] = self._fitted[1]
+        return out
 
     @cached_property
     def _loss(self) -> Array:
-        """Critical damping (d,) of the modes, ``2 √(k m)``."""
-        return 2.0 * np.sqrt(self.modes.stiffness * self.modes.mass)
+        """Critical damping (a,) of the near modes, ``2 √(k m)``."""
+        near = self._near
+        return 2.0 * np.sqrt(self.modes.stiffness[near] * self.modes.mass[near])
 
     def _respond(self, damping: _Damping) -> Complex:
-        """Return the amplitudes (d, p, f) of the modes under unit forces at the ports."""
+        """Return the amplitudes (a, p, f) of near modes under unit forces at the ports."""
         s = self.s
-        mass = self.modes.mass[:, None]
-        stiffness = self.modes.stiffness[:, None]
+        near = self._near
+        mass = self.modes.mass[near, None]
+        stiffness = self.modes.stiffness[near, None]
         loss = (damping.ratios * self._loss)[:, None]
         own = 1.0 / (stiffness + s * (loss + s * mass))
-        out = own[:, None] * self.ports.T[..., None]
+        ports = self.ports[:, near]
+        out = own[:, None] * ports.T[..., None]
         for cluster in damping.find_clusters():
             whole = damping.couple(cluster, self._loss)
             dynamic = s[:, None, None] * whole
             at = np.arange(len(cluster))
             dynamic[:, at, at] = 1.0 / own[cluster].T
             forces = np.broadcast_to(
-                self.ports.T[cluster].astype(complex),
-                (len(s), len(cluster), len(self.ports)),
+                ports.T[cluster].astype(complex),
+                (len(s), len(cluster), len(ports)),
             )
             out[cluster] = np.moveaxis(np.linalg.solve(dynamic, forces), 0, -1)
         return out
 
-    def _combine(
-        self,
-        left: tuple[Array, Array],
-        amplitudes: Complex,
-        right: Indices,
-    ) -> Complex:
-        """Return motions (r, f) along functionals (r, k), (r, d), for forces at ports (r,)."""
-        still, moved = left
-        static = self._both_ports[0]
-        out = np.empty((len(right), amplitudes.shape[2]), dtype=complex)
-        flexible = still * self.modes.static
-        for port in np.unique(right):
-            rows = np.flatnonzero(right == port)
-            out[rows] = moved[rows] @ amplitudes[:, port]
-            out[rows] += (flexible[rows] @ static[port])[:, None]
-        return out
+    def _receive(self, amplitudes: Complex) -> Complex:
+        """Return motions (3p, p, f) of the ports, then across them, by unit forces at the ports."""
+        moved = self._functionals[1][:, self._near]
+        static, inertial = self._rest
+        flat = amplitudes.reshape(len(amplitudes), -1)
+        # real products take half the work
+        out = (moved @ flat.view(np.float64)).view(np.complex128)
+        out = out.reshape(len(moved), *amplitudes.shape[1:])
+        return out + static[..., None] + inertial[..., None] * self.s**2
 
-    def _superpose(self, amplitudes: Complex) -> Complex:
+    def _pick_lines(self, received: Complex) -> Complex:
         force, motion = self.pairs.T
-        static, moving = self._both_ports
-        left = static[motion], moving[motion]
-        return self._combine(left, amplitudes, force) * self.window
+        return received[motion, force] * self.window
 
     def _find_nuisance(
-        self, damping: _Damping, amplitudes: Complex, lines: Complex
+        self, damping: _Damping, amplitudes: Complex, received: Complex
     ) -> _Nuisance:
-        """Return the nuisances about predicted lines (r, f): damping first, then directions."""
+        """Return the nuisances about predicted motions (3p, p, f): damping first, then directions."""
         force, motion = self.pairs.T
         limits = self.settings
         d = damping.fitted
-        r = len(lines)
+        lines = self._pick_lines(received)
+        rows = np.arange(len(lines))
         weight = self.block.weight[..., None]
-        size = damping.ratios[d] * self._loss[d]
-        turned = amplitudes[:, force], amplitudes[:, motion]  # (d, r, f)
-        slope = -size[:, None, None] * self.s * turned[0][d] * turned[1][d]
-        mixed = [
-            -(size_of * self.s)
-            * (turned[0][i] * turned[1][j] + turned[0][j] * turned[1][i])
-            for (i, j), size_of in zip(
-                damping.pairs, damping.scale_pairs(self._loss), strict=True
-            )
-        ]
-        slopes = np.concatenate(
-            [
-                limits.damping * slope,
-                limits.coupling * np.array(mixed).reshape(-1, *lines.shape),
-            ]
-        )
         window = self.window[..., None]
-        columns = [self.block.read(np.moveaxis(slopes, 0, 2) * window) * weight]
-        rows = np.arange(r)
+        slopes = np.empty((*lines.shape, len(d) + len(damping.pairs)), dtype=complex)
+        size = limits.damping * damping.ratios * self._loss
+        for k, i in enumerate(d):
+            heard = amplitudes[i]
+            slopes[..., k] = -(size[i] * self.s) * (heard[force] * heard[motion])
+        sizes = limits.coupling * damping.scale_pairs(self._loss)
+        for k, (i, j) in enumerate(damping.pairs, start=len(d)):
+            one = amplitudes[i]
+            other = amplitudes[j]
+            both = one[force] * other[motion] + other[force] * one[motion]
+            slopes[..., k] = -(sizes[k - len(d)] * self.s) * both
+        columns = [self.block.read(slopes * window) * weight]
+        p = len(self.ends)
         for side, other in ((force, motion), (motion, force)):
             known, which = np.unique(side, return_inverse=True)
-            crossed = [
-                self._combine((still[side], moved[side]), amplitudes, other)
-                * self.window
-                for still, moved in self._crossing
-            ]
-            seen = self.block.read(np.stack(crossed, axis=2)) * weight
+            crossed = [received[(k + 1) * p + side, other] for k in (0, 1)]
+            crossed = np.stack(crossed, axis=2) * window
+            seen = self.block.read(crossed) * weight
             apart = np.zeros((*seen.shape, len(known)), dtype=complex)
             apart[rows, ..., which] = limits.turn * seen
             columns.append(apart.reshape(*seen.shape[:2], -1))
