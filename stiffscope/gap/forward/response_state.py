@@ -7,7 +7,7 @@ spring changes it by
     δH = W_i · δC W_j - u_i · (s² δM + δK) u_j,
 
 with the wrench W in the element and the motion u of the node under unit forces at the ports
-(docs/theory.md, section 10.5). W is that of the static response to the port's force and to the
+(docs/theory.md, section 11.8). W is that of the static response to the port's force and to the
 inertial loads of all modes that do not follow statically.
 
 Damping by mode, gain and phase of each channel and its small rotation are fitted with every
