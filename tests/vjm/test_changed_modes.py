@@ -73,7 +73,6 @@ def test_modes_of_changes_are_those_solved_anew(name, grown, rng):
     for square in (-lowest, -400.0 * lowest):
         agree(respond(changed, tool, at, square), respond(solved, tool, at, square))
     points = [(tool, at, np.eye(6)[k]) for k in (0, 2, 4)]
-    still, moved = changed.displace(tool, at)
     for element in (drive, other, BASE):
         ours, theirs = (
             acting(modes, element, points, tool, at, -lowest)

@@ -67,6 +67,8 @@ class NuisanceSettings:
         Largest change of that logarithm in one.
     settled
         Change at which the fit ends.
+    gained
+        Decrease of χ² at which it ends.
     least, most
         Range of damping ratios.
     beside
@@ -81,13 +83,14 @@ class NuisanceSettings:
     gain: float = 0.015
     turn: float = 0.015
     damping: float = 1.0
-    coupling: float = 0.5
+    coupling: float = 0.3
     coupled: float = 0.95
     close: float = 4.0
     heard: float = 0.3
-    rounds: int = 3
+    rounds: int = 10
     step: float = 1.0
     settled: float = 0.01
+    gained: float = 0.1
     least: float = 1e-5
     most: float = 0.3
     beside: float = 1.15
@@ -124,15 +127,25 @@ class _Nuisance:
         squares, vectors = np.linalg.eigh(left.T @ left)
         return cls(gain, left, squares.clip(min=0.0), vectors)
 
-    def solve(self, change: Complex) -> Array:
-        """Return the nuisances (q,) besides gains that fit a change (r, m) best."""
+    def solve(self, change: Complex, at: Array) -> Array:
+        """Return the step (q,) of the nuisances besides gains that fits a change (r, m) best.
+
+        at: nuisances (q,) about which the columns are, in prior sizes.
+        """
         left = stack_parts(_leave_gain(self.gain, change))
-        inner = self.vectors.T @ (self.columns.T @ left)
+        inner = self.vectors.T @ (self.columns.T @ left - at)
         return self.vectors @ (inner / (self.squares + 1.0))
 
     def leave(self, change: Complex) -> Array:
         """Return what is left (n, ...) of changes (r, m, ...)."""
+        return self._leave(stack_parts(_leave_gain(self.gain, change)))
+
+    def leave_residual(self, change: Complex, at: Array) -> Array:
+        """Return what is left (n,) of a residual (r, m) at nuisances (q,) other than usual."""
         left = stack_parts(_leave_gain(self.gain, change))
+        return self._leave(left + self.columns @ at)
+
+    def _leave(self, left: Array) -> Array:
         inner = self.vectors.T @ (self.columns.T @ left)
         part = _take_share(self.squares).reshape(-1, *(1,) * (left.ndim - 1))
         return left - self.columns @ (self.vectors @ (part * inner))
@@ -204,24 +217,34 @@ class _Damping:
         Coupled modes (b, 2).
     coupling
         Couplings (b,), within ±1.
+    usual
+        Damping ratio where lines tell none.
     """
 
     ratios: Array
     fitted: Indices
     pairs: Indices
     coupling: Array
+    usual: float
+
+    def find_distance(self, count: int, limits: NuisanceSettings) -> Array:
+        """Return all nuisances (count,), damping first, from the usual ones in prior sizes."""
+        out = np.zeros(count)
+        own = np.log(self.ratios[self.fitted] / self.usual) / limits.damping
+        both = np.concatenate([own, self.coupling / limits.coupling])
+        out[: len(both)] = both
+        return out
 
     def move(self, change: Array, limits: NuisanceSettings) -> tuple[_Damping, float]:
-        """Return the damping after a change (a + b,) in prior sizes, and the largest change."""
+        """Return the damping after a change (a + b, ...) in prior sizes, and the largest change."""
         count = len(self.fitted)
         step = np.clip(change[:count] * limits.damping, -limits.step, limits.step)
         ratios = self.ratios.copy()
         now = ratios[self.fitted] * np.exp(step)
         ratios[self.fitted] = np.clip(now, limits.least, limits.most)
         most = limits.coupled
-        coupling = np.clip(
-            self.coupling + change[count:] * limits.coupling, -most, most
-        )
+        both = change[count : count + len(self.coupling)]
+        coupling = np.clip(self.coupling + both * limits.coupling, -most, most)
         moved = np.abs(np.concatenate([step, coupling - self.coupling]))
         out = replace(self, ratios=ratios, coupling=coupling)
         return out, float(moved.max(initial=0.0))
@@ -252,6 +275,38 @@ class _Damping:
                 out[a, b] = size
                 out[b, a] = size
         return out
+
+
+@dataclass(frozen=True, eq=False)
+class _FittedDamping:
+    """A damping with what follows from it.
+
+    Attributes
+    ----------
+    amplitudes
+        Of near modes (a, p, f) under unit forces at the ports.
+    lines
+        Predicted (r, f).
+    left
+        Residual (r, m) over the noise.
+    distance
+        Nuisances (q,) from the usual ones, in prior sizes.
+    rest
+        What they leave (n,) of the residual.
+    """
+
+    damping: _Damping
+    amplitudes: Complex
+    lines: Complex
+    nuisance: _Nuisance
+    left: Complex
+    distance: Array
+    rest: Array
+
+    @property
+    def square(self) -> float:
+        """χ² with the nuisances marginalized."""
+        return float(self.rest @ self.rest)
 
 
 def spread_inertia(payload: Payload | MassRate, where: Places) -> Array:
@@ -476,44 +531,55 @@ class ResponseState:
         fitted = modes[heard]
         apart = np.abs(np.log(found[fitted, None] / found[fitted]))
         close = np.argwhere(np.triu(apart < limits.close * ratio, 1))
-        return _Damping(
-            np.full(len(found), ratio), fitted, fitted[close], np.zeros(len(close))
-        )
+        ratios = np.full(len(found), ratio)
+        return _Damping(ratios, fitted, fitted[close], np.zeros(len(close)), ratio)
 
     @cached_property
-    def _fitted(self) -> tuple[_Damping, Complex, Complex, _Nuisance]:
-        """Damping, amplitudes (a, p, f) of near modes, lines (r, f), and nuisances."""
-        damping = self._nominal_damping
+    def _fitted(self) -> _FittedDamping:
+        """Damping that fits best, by Gauss-Newton steps that are halved where they are too long."""
         limits = self.settings
+        best = self._fit_at(self._nominal_damping)
+        if self.block.mean is not None or not len(best.damping.fitted):
+            return best  # local means hardly show damping
+        share = 1.0
+        for _ in range(limits.rounds):
+            step = share * best.nuisance.solve(best.left, best.distance)
+            damping, moved = best.damping.move(step, limits)
+            now = self._fit_at(damping)
+            if now.square > best.square:
+                share *= 0.5
+                continue
+            gained = best.square - now.square
+            best = now
+            share = 1.0
+            if moved < limits.settled or gained < limits.gained:
+                break
+        return best
+
+    def _fit_at(self, damping: _Damping) -> _FittedDamping:
+        """Return lines and nuisances with a damping."""
         amplitudes = self._respond(damping)
         received = self._receive(amplitudes)
         lines = self._pick_lines(received)
         nuisance = self._find_nuisance(damping, amplitudes, received)
-        d = len(damping.fitted)
-        fits = d > 0 and self.block.mean is None  # local means hardly show damping
-        for _ in range(limits.rounds if fits else 0):
-            left = (self.block.value - self.block.read(lines)) * self.block.weight
-            change = nuisance.solve(left)[: d + len(damping.coupling)]
-            damping, moved = damping.move(change, limits)
-            amplitudes = self._respond(damping)
-            received = self._receive(amplitudes)
-            lines = self._pick_lines(received)
-            nuisance = self._find_nuisance(damping, amplitudes, received)
-            if moved < limits.settled:
-                break
-        return damping, amplitudes, lines, nuisance
+        left = (self.block.value - self.block.read(lines)) * self.block.weight
+        distance = damping.find_distance(len(nuisance.squares), self.settings)
+        rest = nuisance.leave_residual(left, distance)
+        return _FittedDamping(
+            damping, amplitudes, lines, nuisance, left, distance, rest
+        )
 
     @property
     def damping(self) -> Array:
         """Fitted damping ratios (d,) of all modes; those out of the band have the usual one."""
         out = np.full(len(self.frequencies), self.block.damping)
-        out[self._near] = self._fitted[0].ratios
+        out[self._near] = self._fitted.damping.ratios
         return out
 
     @property
     def lines(self) -> Complex:
         """Predicted lines (r, f), m/N, without errors of channels."""
-        return self._fitted[2]
+        return self._fitted.lines
 
     @cached_property
     def amplitudes(self) -> Complex:
@@ -522,7 +588,7 @@ class ResponseState:
         stiffness = self.modes.stiffness[:, None]
         own = 1.0 / (stiffness + self.s**2 * mass)
         out = own[:, None] * self.ports.T[..., None]
-        out[self._near] = self._fitted[1]
+        out[self._near] = self._fitted.amplitudes
         return out
 
     @cached_property
@@ -607,7 +673,7 @@ class ResponseState:
 
         Their squares are those of errors with the nuisances marginalized.
         """
-        return self._fitted[3].leave(change)
+        return self._fitted.nuisance.leave(change)
 
     @cached_property
     def _spread(self) -> Array:
@@ -617,9 +683,7 @@ class ResponseState:
     @cached_property
     def values(self) -> Array:
         """Predicted readings (n,), with the nuisances that fit best."""
-        block = self.block
-        left = (block.value - block.read(self.lines)) * block.weight
-        return stack_parts(block.value) - self._spread * self.share(left)
+        return stack_parts(self.block.value) - self._spread * self._fitted.rest
 
     def derive(self, columns: Complex) -> Array:
         """Return derivatives of the readings (n, k) of those of lines (r, f, k)."""
