@@ -93,6 +93,7 @@ def write_diagnosis_report(
         Section(
             "Gap", gap, figures("waterfall"), charts=charts, files=("readings.csv",)
         ),
+        *_responses(diagnosis),
         Section("Alternatives", alternatives, figures("signatures")),
         Section("What to measure next", _lines([following] if following else [])),
         Section("Checks", checks, figures("predictive")),
@@ -138,6 +139,15 @@ def share_view(
     return report.turn_robot(
         found, names, cases, caption, still, quantity=SHARE, start=0
     )
+
+
+def _responses(diagnosis: Diagnosis) -> list[Section]:
+    """Return the section on frequency responses, if there are any."""
+    if not diagnosis.responses:
+        return []
+    with record_shown() as modes:
+        gap_tables.show_modes(diagnosis)
+    return [Section("Frequency responses", modes, files=("modes.csv",))]
 
 
 def _effects(diagnosis: Diagnosis) -> list[Shown]:
