@@ -481,10 +481,15 @@ class ResponseState:
     def window(self) -> Complex:
         """Factor (r, f) by which the window changes the lines of measured motions."""
         line = 2j * np.pi * self.block.frequency
+        return (self.s / line) ** self._orders
+
+    @cached_property
+    def _orders(self) -> Array:
+        """Orders (r, 1) of the derivatives by time that were measured."""
         orders = [
             DERIVATIVES[response.quantity] for response in self.block.measured.responses
         ]
-        return (self.s / line) ** np.array(orders)[:, None]
+        return np.array(orders, dtype=float)[:, None]
 
     @cached_property
     def _near(self) -> Indices:
@@ -558,8 +563,8 @@ class ResponseState:
 
     def _fit_at(self, damping: _Damping) -> _FittedDamping:
         """Return lines and nuisances with a damping."""
-        amplitudes = self._respond(damping)
-        received = self._receive(amplitudes)
+        amplitudes = self._respond(damping, self.s)
+        received = self._receive(amplitudes, self.s)
         lines = self._pick_lines(received)
         nuisance = self._find_nuisance(damping, amplitudes, received)
         left = (self.block.value - self.block.read(lines)) * self.block.weight
@@ -597,9 +602,16 @@ class ResponseState:
         near = self._near
         return 2.0 * np.sqrt(self.modes.stiffness[near] * self.modes.mass[near])
 
-    def _respond(self, damping: _Damping) -> Complex:
+    def predict_lines(self, hertz: Array) -> Complex:
+        """Return the lines (r, f) at other frequencies (f,), with the fitted damping."""
+        line = 2j * np.pi * hertz
+        s = self.block.measured.decay + line
+        received = self._receive(self._respond(self._fitted.damping, s), s)
+        force, motion = self.pairs.T
+        return received[motion, force] * (s / line) ** self._orders
+
+    def _respond(self, damping: _Damping, s: Complex) -> Complex:
         """Return the amplitudes (a, p, f) of near modes under unit forces at the ports."""
-        s = self.s
         near = self._near
         mass = self.modes.mass[near, None]
         stiffness = self.modes.stiffness[near, None]
@@ -619,7 +631,7 @@ class ResponseState:
             out[cluster] = np.moveaxis(np.linalg.solve(dynamic, forces), 0, -1)
         return out
 
-    def _receive(self, amplitudes: Complex) -> Complex:
+    def _receive(self, amplitudes: Complex, s: Complex) -> Complex:
         """Return motions (3p, p, f) of the ports, then across them, by unit forces at the ports."""
         moved = self._functionals[1][:, self._near]
         static, inertial = self._rest
@@ -627,7 +639,7 @@ class ResponseState:
         # real products take half the work
         out = (moved @ flat.view(np.float64)).view(np.complex128)
         out = out.reshape(len(moved), *amplitudes.shape[1:])
-        return out + static[..., None] + inertial[..., None] * self.s**2
+        return out + static[..., None] + inertial[..., None] * s**2
 
     def _pick_lines(self, received: Complex) -> Complex:
         force, motion = self.pairs.T
