@@ -635,10 +635,11 @@ class ResponseState:
         """Return motions (3p, p, f) of the ports, then across them, by unit forces at the ports."""
         moved = self._functionals[1][:, self._near]
         static, inertial = self._rest
-        flat = amplitudes.reshape(len(amplitudes), -1)
+        count = amplitudes[0].size if len(amplitudes) else len(self.ends) * len(s)
+        flat = amplitudes.reshape(len(amplitudes), count)
         # real products take half the work
         out = (moved @ flat.view(np.float64)).view(np.complex128)
-        out = out.reshape(len(moved), *amplitudes.shape[1:])
+        out = out.reshape(len(moved), len(self.ends), len(s))
         return out + static[..., None] + inertial[..., None] * s**2
 
     def _pick_lines(self, received: Complex) -> Complex:
