@@ -174,7 +174,7 @@ def test_version():
             ],
             'got "apart"',
         ),
-        (["audit", "--json", ""], "give a file"),
+        (["audit", "--json", ""], "expected a file to write"),
         (
             [
                 "deflection",
