@@ -14,7 +14,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.polynomial.polynomial import polyval
 
-from stiffscope.errors import InputError, meant
+from stiffscope.errors import InputError, suggest
 from stiffscope.imports.model_inertia import set_aside_inertias
 from stiffscope.imports.model_loops import close_loops
 from stiffscope.robot.file.quantities import ANGLE, LENGTH, to_si
@@ -285,7 +285,7 @@ def _check_urdf(path: Path, content: bytes) -> list[str]:
             got = 'got one to be converted ("xacro FILE.xacro > FILE.urdf")'
             raise InputError(f"{place}: expected a URDF without xacro, {got}")
         known = element in {*_URDF, "inertial"}
-        guess = "" if known else meant(element, _URDF, cutoff=0.8)
+        guess = "" if known else suggest(element, _URDF, cutoff=0.8)
         if guess:
             raise InputError(
                 f'{place}: expected an element of URDF, got "{element}"{guess}'
@@ -343,7 +343,7 @@ def _check_attributes(
 def _is_drivers_word(element: str, name: str, attributes: Mapping[str, str]) -> bool:
     """Return whether an unknown attribute is a driver's own limit, not a range misspelled."""
     ranges = [key for key in ("lower", "upper") if key not in attributes]
-    return element == "limit" and not meant(name, ranges, cutoff=0.65)
+    return element == "limit" and not suggest(name, ranges, cutoff=0.65)
 
 
 def _doubt(

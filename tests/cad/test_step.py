@@ -22,6 +22,8 @@ from stiffscope.cad.validity import count_turns, valid_solid
 from stiffscope.errors import InputError
 from stiffscope.runtime.executor import WorkerError
 
+pytestmark = pytest.mark.slow
+
 HOLED = SliderParameters(rib_count=2, fillet=0.003, hole_count=3)
 
 
@@ -288,6 +290,7 @@ def test_what_is_no_solid_is_refused_in_a_file(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.extended
 def test_rubbish_is_refused(step: Path, tmp_path: Path) -> None:
     text = step.read_text()
     bodies = {
@@ -354,6 +357,7 @@ def test_stl_is_closed_and_has_the_volume(tmp_path: Path) -> None:
     assert volume == pytest.approx(mass_properties(part).volume, rel=0.01)
 
 
+@pytest.mark.extended
 def test_a_build123d_solid_is_a_part() -> None:
     build123d = pytest.importorskip("build123d")
     solid = build123d.Box(50, 20, 10) - build123d.Cylinder(3, 10)
@@ -368,6 +372,7 @@ def test_a_build123d_solid_is_a_part() -> None:
         part_of(build123d.sweep((bent ^ 0) * build123d.Circle(3), bent).solid())
 
 
+@pytest.mark.extended
 def test_building_writes_nothing_to_standard_output() -> None:
     code = (
         "from stiffscope.cad.slider import SliderParameters as P\nfrom stiffscope.cad.solid import build\n"

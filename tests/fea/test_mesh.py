@@ -27,6 +27,8 @@ from stiffscope.fea.specimen import (
 from tests.fea.shapes import box
 from tests.validation import parts
 
+pytestmark = pytest.mark.slow
+
 
 def changed(surface, **changes):
     return SimpleNamespace(**{**vars(surface), **changes})
@@ -102,6 +104,7 @@ def test_exponents_are_williamss():
     assert (np.diff(fixed_exponent(np.radians(np.arange(150, 361)))) < 0).all()
 
 
+@pytest.mark.extended
 def test_a_traction_is_singular_where_it_ends_in_a_plane_only():
     part = parts.strip()
     mesh = mesh_specimen(
@@ -146,6 +149,7 @@ def test_a_mesh_without_an_interface_is_made_again_however_late(stub, monkeypatc
     assert found is mesh
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(
     ("patch", "area"), [(parts.strip, 0.03 * 0.02), (parts.disc, np.pi * 0.008**2)]
 )

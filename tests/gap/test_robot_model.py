@@ -39,6 +39,8 @@ from stiffscope.vjm.statics.analysis import compliance, stiffness
 from stiffscope.vjm.statics.yielding import Load, respond
 from stiffscope.vjm.vibration.modes import frequencies
 
+pytestmark = pytest.mark.slow
+
 LINEAR_DELTA = Path(__file__).parents[1] / "vjm" / "robots" / "linear-delta.toml"
 ROBOTS = ("delta", "stewart", "serial-arm", "five-bar")
 SENSED = {  # a body that moves, a body that carries it, a point on it
@@ -180,6 +182,7 @@ def test_readings_are_those_of_separate_equilibria(name):
     assert values == pytest.approx(read(robot, robot.mechanism, c), rel=1e-8, abs=1e-15)
 
 
+@pytest.mark.extended_for("stewart")
 @pytest.mark.parametrize("name", ROBOTS)
 def test_derivatives_are_those_of_full_reassembly(name):
     """Every effect on stiffness, at a set and at a single element, one parameter of each."""
@@ -680,6 +683,7 @@ def test_experiments_are_made_on_a_part_at_fault(factor):
         assert fault or not made
 
 
+@pytest.mark.extended_for("stewart")
 @pytest.mark.parametrize("name", ["biglide", "stewart"])
 def test_patterns_hold_for_readings_to_come(name):
     """At other poses, in directions that were not read: as many derivatives as the pattern has parameters."""

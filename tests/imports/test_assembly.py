@@ -36,6 +36,8 @@ from stiffscope.robot.reader import load_robot
 from tests.experiments.one_part import write_bar
 from tests.imports import assemblies
 
+pytestmark = pytest.mark.slow
+
 STANDING = {  # place (mm, degrees), unit and whether solids have names
     "five-bar": ((13.7, -220.3, 71.1), (31, -47, 113), "MM", True),
     "delta": ((-513.7, 20.3, 1000), (-131, 17, -13), "INCH", True),
@@ -49,6 +51,7 @@ STANDING = {  # place (mm, degrees), unit and whether solids have names
 }
 
 
+@pytest.mark.extended_for("3-prs", "delta", "dovetail", "finger", "hexapod", "slider")
 @pytest.mark.parametrize("machine", STANDING)
 def test_every_joint_is_found_and_none_invented(machine, tmp_path):
     where, turns, unit, named = STANDING[machine]
@@ -210,6 +213,7 @@ def test_a_bearing_of_rings_and_balls_turns(tmp_path):
     assert joint.kind == "revolute"
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(
     ("name", "kind", "doubts"),
     [("", "revolute", 1), ("Bolzen", "revolute", 0), ("M8", "fixed", 0)],
@@ -536,6 +540,7 @@ def test_a_new_export_says_what_changed(tmp_path):
         import_assembly(tmp_path / "machine.step", out, said)
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(
     ("said", "message"),
     [
@@ -674,6 +679,7 @@ def test_bores_that_are_splines_guide(tmp_path):
     _check(made, solids, b.Location())
 
 
+@pytest.mark.extended
 def test_exponents_of_three_digits_are_read(tmp_path):
     """As older programs on Windows write them, 1.E+001."""
     assemblies.finger().write(tmp_path / "machine.step")

@@ -20,6 +20,8 @@ from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.cache import CONDENSED, WHOLE
 from tests.experiments.one_part import ROD, one_part
 
+pytestmark = pytest.mark.slow
+
 RUN = "import sys; from stiffscope.cli.main import _guarded; code = _guarded(sys.argv[1:]); print(sorted(set(sys.modules) & {'OCP', 'pytetwild', 'skfem'})); sys.exit(code)"  # noqa: E501
 
 

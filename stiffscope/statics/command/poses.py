@@ -14,7 +14,7 @@ from stiffscope.cli import options
 from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit, open_workshop, warn_of_robot
 from stiffscope.cli.poses import find_poses
-from stiffscope.errors import InputError
+from stiffscope.errors import naming
 from stiffscope.experiments.assembly import (
     assemble_robots,
     deflection_bars,
@@ -175,11 +175,9 @@ def deflection(
     """
     robot = load_robot(name, overrides)
     asked = find_poses(robot, poses, joints)
-    try:
+    form = 'FX,FY,FZ,MX,MY,MZ such as "100 N,0,0,0,0,5 N*m"'
+    with naming(f"--wrench {wrench}", form):
         load = np.array(q.several(wrench, *[q.FORCE] * 3, *[q.MOMENT] * 3))
-    except ValueError as error:
-        expected = 'FX,FY,FZ,MX,MY,MZ such as "100 N,0,0,0,0,5 N*m"'
-        raise InputError(f"--wrench {wrench}: {error}; {expected}") from error
     manifest = manifest_of(robot)
     assembled = assemble(robot, components, output)
     at = asked.configurations
