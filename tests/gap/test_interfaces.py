@@ -143,6 +143,7 @@ def test_the_laboratory_reads_what_the_model_predicts(robot, effect, place, para
     )
 
 
+@pytest.mark.extended
 def test_a_soft_head_is_found_adopted_and_found_no_more(robot, tmp_path):
     seen = campaign(
         robot, ("link-stiffness", "head", HEAD), displacement=2e-7, rotation=1e-6

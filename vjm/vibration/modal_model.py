@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.vjm.model.screws import shift
 from stiffscope.vjm.network.loading import Loads
 from stiffscope.vjm.network.network import END
@@ -79,9 +79,12 @@ class ModalModel:
         there, without stiffness and inertia.
         """
         name = END if node is None else node
-        if name not in self.system.twists:
-            known = ", ".join(self.system.twists)
-            raise InputError(f"expected a body or an end of one, {known}, got {name!r}")
+        require(
+            name in self.system.twists,
+            "",
+            f"a body or an end of one, {', '.join(self.system.twists)}",
+            f"{name!r}",
+        )
         where = self.system.where
         carry = shift(where.point(name, np.asarray(at, dtype=float)) - where.tool)[0]
         rows = self.system.twists[name]

@@ -20,6 +20,7 @@ from stiffscope.gap.effects.elements import along_drive
 from stiffscope.gap.forward.elastic_state import ElasticState
 from stiffscope.gap.forward.instrument_readings import InstrumentReadings
 from stiffscope.gap.forward.load_chains import LoadChains, size_loads
+from stiffscope.gap.forward.moved_nodes import MotionRates, find_motion_rates
 from stiffscope.gap.forward.second_order import (
     SETTINGS,
     find_second_order,
@@ -280,6 +281,32 @@ class RobotReadings(InstrumentReadings):
                     sensed[rows], driven[rows] = modal
             self._known_pairs[key] = sensed, driven
         return self._known_pairs[key]
+
+    def at_loads(
+        self, columns: Array, cases: slice = slice(None)
+    ) -> tuple[Array, Array]:
+        """Return twists or wrenches (n, k) under the sense and the drive of every reading.
+
+        Parameters
+        ----------
+        columns
+            Those (p or 1, k, c) for unit loads at c terminals.
+        cases
+            These terminals.
+        """
+        pose = self.campaign.pose
+        out: list[Array] = []
+        for loads in (self.sense[:, cases], self.drive[:, cases]):
+            used = np.flatnonzero(loads.any(axis=0))
+            at = columns[..., used]
+            at = at[pose] if len(at) > 1 else at
+            out.append((at @ loads[:, used, None])[..., 0])
+        return out[0], out[1]
+
+    @cached_property
+    def motion_rates(self) -> MotionRates:
+        """Derivatives by twists of nodes and of elements' frames, the loads held."""
+        return find_motion_rates(self)
 
     @cached_property
     def at_terminals(self) -> tuple[Array, Array]:

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 from stiffscope.gap.inference.residuals import AbsoluteGap
 from stiffscope.runtime.brief import describe_briefly
+from stiffscope.runtime.formats import to_dataframe
 
 if TYPE_CHECKING:
     import pandas as pd  # pyright: ignore[reportMissingTypeStubs]
@@ -242,8 +243,6 @@ class Diagnosis:
 
     def to_pandas(self) -> pd.DataFrame:
         """Return named effects, one row per parameter: value, sigma, 95 % interval, unit; SI."""
-        import pandas as pd  # pyright: ignore[reportMissingTypeStubs]
-
         rows = [
             (
                 e.effect,
@@ -271,7 +270,9 @@ class Diagnosis:
             "high",
             "unit",
         )
-        return pd.DataFrame(rows, columns=columns)
+        by_column = zip(*rows, strict=True) if rows else ((),) * len(columns)
+        listed = (list(each) for each in by_column)
+        return to_dataframe(dict(zip(columns, listed, strict=True)))
 
 
 def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
