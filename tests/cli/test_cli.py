@@ -174,7 +174,7 @@ def test_version():
             ],
             'got "apart"',
         ),
-        (["audit", "--json", ""], "give a file"),
+        (["audit", "--json", ""], "expected a file to write"),
         (
             [
                 "deflection",
@@ -399,7 +399,7 @@ def test_no_command_writes_over_its_input(tmp_path, monkeypatch, capsys):
         )
     assert _guarded(["map", "out/robot.toml", "--out", "out", "--force"]) == 2
     assert (
-        "out/robot.toml: is in out, which is replaced as a whole"
+        "out/robot.toml: expected a file outside out, which is replaced as a whole"
         in capsys.readouterr().err
     )
     for _ in range(2):

@@ -137,6 +137,7 @@ def state_of(stewart, hertz, **more):
         frequency=hertz,
         value=np.ones((count, len(hertz)), dtype=complex),
         sigma=np.full((count, len(hertz)), 1e9),  # nothing to fit damping to
+        noise=np.full((count, len(hertz)), 1e9),
         damping=1e-5,
     )
     exact = NuisanceSettings(static=1e3)  # inertial loads of all modes

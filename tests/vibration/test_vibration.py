@@ -135,7 +135,7 @@ def test_frequency_response_has_units(tmp_path):
         ),
         (
             ["--from", "tool:nowhere:z", "--to", "tool:M:z"],
-            "expected a point (X,Y,Z such as",
+            "expected a point: X,Y,Z such as",
         ),
         (
             ["--from", "tool:M:z", "--to", "tool:M:z", "--band", "5,1"],

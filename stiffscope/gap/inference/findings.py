@@ -15,7 +15,7 @@ from stiffscope.gap.inference.hypothesis import forms_of, join_values
 from stiffscope.gap.inference.plausibility import implausible
 from stiffscope.gap.inference.residuals import percent_rms
 from stiffscope.gap.inference.search import ROUGH, Effort, Search
-from stiffscope.gap.inference.settings import GROUPS, VERDICT
+from stiffscope.gap.inference.settings import FIT, GROUPS, VERDICT
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -425,13 +425,19 @@ def search_once(
     problem = Problem(model, _without_copies(model.campaign, model.noise()))
     distinct: dict[frozenset[str], Hypothesis] = {}
     seeds = ()
-    if model.coarse is not None:
+    if model.coarse is not None and _needs_start(problem):
         seeds = search_once(model.coarse, progress, ROUGH).hypotheses
     hypotheses = Search(problem, progress, seeds, effort or Effort()).hypotheses()
     for hypothesis in hypotheses:  # the best fit of every set
         distinct.setdefault(hypothesis.names, hypothesis)
     fitted = {forms_of(h.candidates): h for h in hypotheses if h.converged}
     return _rank(problem, [(h, h.evidence) for h in distinct.values()], fitted)
+
+
+def _needs_start(problem: Problem) -> bool:
+    """Return whether the readings are far from the nominal model, whose derivatives tell little."""
+    left = problem.nominal_residual[problem.noise.used]
+    return float(np.mean(left**2)) > FIT.near
 
 
 def _rank(

@@ -94,6 +94,8 @@ class FitSettings:
     """Decrease of the cost, expected or by a damped step, that does not justify more damping."""
     rounding: float = 1e-12
     """Regularization of inner products, relative: prior and noise may differ by more."""
+    near: float = 1.1
+    """χ² per reading of the nominal model up to which a search needs no start from a coarser one."""
 
 
 FIT = FitSettings()
