@@ -134,6 +134,6 @@ def test_what_must_not_be_overwritten(tmp_path, robot):
     ):
         with pytest.raises(InputError, match=message):
             check_target(target, robot)
-    with pytest.raises(InputError, match="predictions instead of a robot"):
+    with pytest.raises(InputError, match="predictions instead of one"):
         check_target(tmp_path / "a.toml", None)
     check_target(tmp_path / "a.toml", robot)

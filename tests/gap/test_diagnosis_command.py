@@ -229,14 +229,14 @@ def test_gravity_and_expansion_come_from_the_robot_file(tmp_path):
             ["nosuch"],
             "no such campaign; give a folder with a campaign.toml or one of the names",
         ),
-        (["published", "--adopt", "robot.toml"], "predictions instead of a robot"),
+        (["published", "--adopt", "robot.toml"], "predictions instead of one"),
         (
             ["SOFT", "--adopt", "notes.toml"],
-            "--adopt notes.toml: expected a file that is not there yet, got one that is",
+            "--adopt: notes.toml: expected a file that is not there yet, got one that is",
         ),
         (
             ["SOFT", "--adopt", "nosuch/robot.toml"],
-            "--adopt nosuch/robot.toml: cannot be written",
+            "--adopt: nosuch/robot.toml: cannot be written",
         ),
         (
             ["NOROBOT"],

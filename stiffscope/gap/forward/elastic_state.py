@@ -31,7 +31,7 @@ from stiffscope.vjm.vibration.modes import modes
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
-    from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.gap.campaign.campaign import Campaign, Sensor
     from stiffscope.gap.effects.effect import Changes, Payload
     from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
     from stiffscope.gap.forward.terminals import Push
@@ -59,6 +59,9 @@ class ElasticState:
     """Whether weight acts on the payloads."""
     _nodes: dict[str, Array] = field(default_factory=dict[str, Any], compare=False)
     _wrenches: dict[str, Array] = field(default_factory=dict[str, Any], compare=False)
+    _moved: dict[tuple[object, ...], Array] = field(
+        default_factory=dict[Any, Any], compare=False
+    )
 
     @cached_property
     def mechanism(self) -> Mechanism:
@@ -78,16 +81,23 @@ class ElasticState:
         if not self._is_displaced:
             return rest
         order = find_order(self.mechanism, self.at.configurations.linkage)
-        there = rest
-        loads = Loads(1, {}, find_offsets(order, rest))
+        offsets = find_offsets(order, rest)
+        if not offsets:
+            return rest
+        first = self.at.displace(offsets)
+        if first is None:
+            first = solve_loads(order, rest, Loads(1, {}, offsets), "nodes")
+        there = bend_places(rest, first)
+        size = _size(first, order.length)
         for _ in range(_NEWTON_STEPS):
-            response = solve_loads(order, there, loads)
-            there = bend_places(there, response)
-            if _size(response, order.length) < _CLOSED:
+            if size < _CLOSED:
                 return there
-            loads = Loads(
-                1, {}, find_remaining_offsets(order, there, rest), balanced=1.0
+            offsets = find_remaining_offsets(order, there, rest)
+            step = solve_loads(
+                order, there, Loads(1, {}, offsets, balanced=1.0), "nodes"
             )
+            there = bend_places(there, step)
+            size = _size(step, order.length)
         raise InputError("loop closure: no solution for these geometric errors")
 
     @property
@@ -168,8 +178,16 @@ class ElasticState:
         """Return motions (p, 6, cases) of M (-1), or a sensor's point from its mount; base axes."""
         if number < 0:
             return self.tool
-        where = self.places
         sensor = self.at.campaign.sensors[number]
+        # channels of one target share its motion
+        point = (sensor.body, tuple(sensor.at), sensor.inside, sensor.against)
+        if point not in self._moved:
+            self._moved[point] = self._move_point(sensor)
+        return self._moved[point]
+
+    def _move_point(self, sensor: Sensor) -> Array:
+        """Return motions (p, 6, cases) of a sensor's point from its mount; base axes."""
+        where = self.places
 
         def motion(node: str) -> Array:
             back = np.swapaxes(wrenches_at(where, sensor.body, sensor.at), -1, -2)

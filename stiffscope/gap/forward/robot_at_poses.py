@@ -32,7 +32,7 @@ from stiffscope.vjm.elements.laws import find_laws, without_laws
 from stiffscope.vjm.kinematics.configurations import configure, configure_drives
 from stiffscope.vjm.model.checks import GROUND
 from stiffscope.vjm.network.condensation import condense_network
-from stiffscope.vjm.network.loading import Loads
+from stiffscope.vjm.network.loading import Loads, Response
 from stiffscope.vjm.network.network import (
     END,
     FOOT,
@@ -45,7 +45,7 @@ from stiffscope.vjm.statics.analysis import stiffness
 from stiffscope.vjm.statics.equilibrium import solve_condensed, solve_loads
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from stiffscope.gap.campaign.campaign import Campaign, Sensor
     from stiffscope.gap.campaign.kinds.kind import Predictor
@@ -58,7 +58,6 @@ if TYPE_CHECKING:
     from stiffscope.vjm.model.joints import Law
     from stiffscope.vjm.model.mechanism import Mechanism
     from stiffscope.vjm.network.condensation import Condensed
-    from stiffscope.vjm.network.loading import Response
     from stiffscope.vjm.network.network import Places
 
 _TOOL = slice(0, 6)
@@ -101,7 +100,7 @@ class RobotAtPoses:
     def cut(self, name: str) -> Response:
         """Return the equilibrium for unit twists, own axes, of an element's ends from the first."""
         if name not in self._cuts:
-            while len(self._cuts) >= max(FEW, _CUTS // len(self.campaign.poses)):
+            while len(self._cuts) >= self._most_cuts:
                 del self._cuts[next(iter(self._cuts))]
             rows = self.mechanism.rows(name)
             unit: Array = np.eye(6 * len(rows)).reshape(len(rows), 1, 6, -1)
@@ -112,6 +111,34 @@ class RobotAtPoses:
     @cached_property
     def _cuts(self) -> dict[str, Response]:
         return {}
+
+    @property
+    def _most_cuts(self) -> int:
+        return max(FEW, _CUTS // len(self.campaign.poses))
+
+    @cached_property
+    def _owners(self) -> dict[str, str]:
+        """Name of the joint or body of each element of the network."""
+        return {e.name: e.group or e.name for e in list_elements(self.mechanism)}
+
+    def displace(self, offsets: Mapping[str, Array]) -> Response | None:
+        """Return the nominal robot's motions for offsets (n or 1, 6, 1) of elements, to first order.
+
+        None where equilibria of so many elements are not kept.
+        """
+        names = dict.fromkeys(self._owners.get(name, "") for name in offsets)
+        if len(names) > self._most_cuts or "" in names:
+            return None
+        nodes: dict[str, Array] = {}
+        for name in names:
+            rows = self.mechanism.rows(name)
+            still = np.zeros((1, 6, 1))
+            parts = np.broadcast_arrays(*(offsets.get(row, still) for row in rows))
+            twist = np.concatenate(parts, axis=1)
+            for node, moved in self.cut(name).nodes.items():
+                part = moved @ twist
+                nodes[node] = nodes[node] + part if node in nodes else part
+        return Response(self.rest, nodes)
 
     @cached_property
     def linear_steps(self) -> dict[int, tuple[Effect, Steps]]:

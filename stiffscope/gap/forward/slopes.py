@@ -141,21 +141,11 @@ def _relieve(prediction: RobotReadings, name: str, wrench: Array) -> Array:
 def _of_moved_nodes(prediction: RobotReadings, name: str, ends: Array) -> Array:
     """Return derivatives (n, k) of loaded readings by twists (p or 1, 6m, k) of unloaded ends.
 
-    Own axes. Nodes move as those of the robot without effects: exact for open chains, and a small
-    error of a small term where elements share loads.
+    Own axes.
     """
-    pose = prediction.campaign.pose
-    out: Array = np.zeros((len(pose), ends.shape[2]))
-    moved = prediction.at.cut(name).nodes
-    for node, rates in prediction.motion_rates.nodes.items():
-        if node not in moved:
-            continue  # the ground
-        twists = moved[node] @ ends
-        twists = np.broadcast_to(
-            twists, (len(prediction.campaign.poses), 6, len(out.T))
-        )
-        out += np.einsum("ni,nik->nk", rates, twists[pose])
-    return out
+    by_end = prediction.find_end_rates(name)
+    twists = ends[prediction.campaign.pose] if len(ends) > 1 else ends
+    return (by_end[:, None] @ twists)[:, 0]
 
 
 def _of_moved_axis(prediction: RobotReadings, name: str, twists: Array) -> Array:
