@@ -26,7 +26,8 @@ _ZOOMS = 2
 _SPLITS = 4  # speeds in each
 _STRIDE = 16  # speeds between those of a sweep that are always solved
 _SMOOTH = 1e-2  # misfit of ln(depth) from a cubic; cubics on both halves are far closer
-_STRAIGHT = 2e-2  # relative misfit of the frequency of chatter from a line
+_TURN = 0.02  # the same of ln(depth) by its slope at the middle, over the interval
+_STRAIGHT = 1e-2  # relative misfit of the frequency of chatter from a line
 _FARTHEST = 1.0  # change of ln(depth) from a neighbouring speed in a guess
 _SAME_LOBE = 0.1  # relative change of the frequency of chatter
 
@@ -176,15 +177,29 @@ class _Sweep:
             ends = ends + end * share**2 * (1.0 + 2.0 * rest)
         return ends + inner * width
 
+    def _slope_between(
+        self, pose: Indices, place: Indices, low: Indices, high: Indices
+    ) -> Array:
+        """Return the change (n,) of ln(depth) over the interval by the cubic's slope at a place."""
+        width = np.log(self.speeds[high] / self.speeds[low])
+        share = np.log(self.speeds[place] / self.speeds[low]) / width
+        with np.errstate(invalid="ignore"):
+            step = np.log(self.limits.depth[pose, high] / self.limits.depth[pose, low])
+        begin = self._rise(pose, low) * (1.0 - share) * (1.0 - 3.0 * share)
+        end = self._rise(pose, high) * share * (3.0 * share - 2.0)
+        return 6.0 * share * (1.0 - share) * step + width * (begin + end)
+
     def is_smooth(
         self, pose: Indices, low: Indices, middle: Indices, high: Indices
     ) -> Flags:
-        """Return whether the middle lies on the cubic between both ends."""
+        """Return whether the middle and its slope lie on the cubic between both ends."""
         at = self.speeds
         share = (at[middle] - at[low]) / (at[high] - at[low])
         depth = self.limits.depth
         with np.errstate(invalid="ignore", divide="ignore"):
             apart = np.log(depth[pose, middle]) - self._between(pose, middle, low, high)
+            turn = self._rise(pose, middle) * np.log(at[high] / at[low])
+            turn = turn - self._slope_between(pose, middle, low, high)
         endless = np.isinf(depth[pose, low]) & np.isinf(depth[pose, high])
         endless &= np.isinf(depth[pose, middle])
         # two lobes that meet within differ in the frequency of chatter
@@ -193,7 +208,8 @@ class _Sweep:
         between = begin + share * (omega[pose, high] - begin)
         alike = np.abs(omega[pose, middle] / between - 1.0) < _STRAIGHT
         alike &= np.abs(omega[pose, high] / begin - 1.0) < _SAME_LOBE
-        return endless | (alike & (np.abs(apart) < _SMOOTH))
+        smooth = (np.abs(apart) < _SMOOTH) & (np.abs(turn) < _TURN)
+        return endless | (alike & smooth)
 
     def interpolate(self, pose: Indices, low: Indices, high: Indices) -> None:
         """Fill the speeds between two that are known, linearly; depths by the cubic."""
