@@ -7,7 +7,7 @@ import json
 import re
 from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -39,6 +39,7 @@ _NAMELESS = (
     "SHELL",
     "NAUO",
 )
+_SAME = 1e-7  # of the size: differences of solids that are one, moved
 _TEXT, _USED, _DEFINED = (
     re.compile(rb"'[^']*'"),
     re.compile(rb"#(\d+)(?!\d*\s*=)"),
@@ -203,7 +204,50 @@ def place_solids(
         place = np.array(each["place"])
         product = products[each["product"]]
         instances.append(Instance(name, product, place[:, :3], 1e-3 * place[:, 3]))
-    return tuple(instances)
+    return _share_products(instances)
+
+
+def _share_products(instances: Sequence[Instance]) -> tuple[Instance, ...]:
+    """Let solids that differ only by a translation share one product.
+
+    Programs that write each part where it stands repeat the solid, and each would be tested.
+    """
+    first = dict[tuple[str, int, int], list[Product]]()
+    taken = dict[int, Product]()
+    shared = list[Instance]()
+    for each in instances:
+        own = each.product
+        if own.number not in taken:
+            size = round(
+                3e3 * np.log(own.volume)
+            )  # equal volumes share it, nearly always
+            alike = first.setdefault((own.material, len(own.faces), size), [])
+            same = next((one for one in alike if _is_translated(one, own)), own)
+            taken[own.number] = same
+            if same is own:
+                alike.append(own)
+        product = taken[own.number]
+        origin = each.origin + each.rotation @ (own.centre - product.centre)
+        shared.append(replace(each, product=product, origin=origin))
+    return tuple(shared)
+
+
+def _is_translated(product: Product, other: Product) -> bool:
+    """Return whether two products have the same faces, in order, about their centres."""
+    size = product.volume ** (1 / 3)
+    if not np.allclose(product.inertia, other.inertia, rtol=0.0, atol=_SAME * size**5):
+        return False
+    for one, two in zip(product.faces, other.faces, strict=True):
+        gap = one.centroid - product.centre - (two.centroid - other.centre)
+        if (
+            one.kind != two.kind
+            or one.hollow != two.hollow
+            or abs(one.area - two.area) > _SAME * size**2
+            or abs(one.radius - two.radius) > _SAME * size
+            or np.abs(gap).max() > _SAME * size
+        ):
+            return False
+    return True
 
 
 def _check_references(path: Path, content: bytes) -> None:

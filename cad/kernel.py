@@ -6,6 +6,7 @@ four times as fast. A build123d shape wraps a kernel shape (`shape.wrapped`);
 """
 
 # pyright: reportAttributeAccessIssue=false
+from collections.abc import Sequence
 from typing import Any, TypeAlias, cast
 
 import numpy as np
@@ -17,6 +18,7 @@ from OCP.BRep import BRep_Builder, BRep_Tool
 from OCP.BRepAdaptor import BRepAdaptor_Curve, BRepAdaptor_Surface
 from OCP.BRepAlgoAPI import (
     BRepAlgoAPI_Common,
+    BRepAlgoAPI_Fuse,
     BRepAlgoAPI_Section,
     BRepAlgoAPI_Splitter,
 )
@@ -333,6 +335,24 @@ def heal_solid(shape: Shape) -> tuple[Shape, list[str]]:
     return healed, done
 
 
+def fuse(shapes: Sequence[Shape], fuzzy: float) -> Shape:
+    """Return the union of several shapes; faces within ``fuzzy`` of each other coincide."""
+    first = List_TopoDS_Shape()
+    others = List_TopoDS_Shape()
+    first.Append(shapes[0])
+    for each in shapes[1:]:
+        others.Append(each)
+    union = BRepAlgoAPI_Fuse()
+    union.SetArguments(first)
+    union.SetTools(others)
+    union.SetFuzzyValue(fuzzy)
+    union.Build()
+    if not union.IsDone():
+        return compound()
+    union.SimplifyResult(True, True)
+    return union.Shape()
+
+
 def surface_under(face: Face) -> tuple[str, Any]:
     """Return the kind of a face's surface, splines recognized, and its `gp_Pln` etc. or None."""
     surface = BRepAdaptor_Surface(face)
@@ -394,6 +414,13 @@ def closest_under(face: Face, points: Floats) -> Floats:
 def distance(shape: Shape, point: Floats) -> float:
     """Return the distance from `point` (3,) to the shape."""
     return float(np.linalg.norm(closest(shape, point) - point))
+
+
+def find_gap(shape: Shape, other: Shape) -> tuple[float, Floats]:
+    """Return the distance between two shapes, and the point (3,) in the middle of the gap."""
+    search = BRepExtrema_DistShapeShape(shape, other)
+    ends = xyz(search.PointOnShape1(1)), xyz(search.PointOnShape2(1))
+    return search.Value(), np.mean(ends, axis=0)
 
 
 def in_axes(solid: Solid, origin: Floats, x: Floats, z: Floats) -> Solid:

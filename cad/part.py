@@ -226,11 +226,24 @@ def _merge_nodes(nodes: Floats) -> tuple[Floats, Ints]:
 
 def open_edges(triangles: Ints) -> int:
     """Count edges of triangles (nt, 3) not used once in each direction: 0 for a closed surface."""
+    return len(_open_sides(triangles))
+
+
+def find_open_edge(vertices: Floats, triangles: Ints) -> Floats:
+    """Return the middle (3,) of an open edge of a surface that has one."""
+    return vertices[_open_sides(triangles)[0]].mean(axis=0)
+
+
+def _open_sides(triangles: Ints) -> Ints:
+    """Return the directed sides (k, 2) without exactly one partner in the other direction."""
     directed = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)
     base = triangles.max(initial=0) + 1
-    there, times = np.unique(directed[:, 0] * base + directed[:, 1], return_counts=True)
+    there, first, times = np.unique(
+        directed[:, 0] * base + directed[:, 1], return_index=True, return_counts=True
+    )
     back = directed[:, 1] * base + directed[:, 0]
-    return int(np.count_nonzero(~np.isin(there, back)) + np.count_nonzero(times > 1))
+    alone = np.concatenate([first[~np.isin(there, back)], first[times > 1]])
+    return directed[alone]
 
 
 def project(

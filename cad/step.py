@@ -6,6 +6,7 @@ A file is read and checked in a subprocess with a time limit, as the kernel may 
 import re
 from codecs import BOM_UTF8
 from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -55,8 +56,9 @@ def read_step(
     placement: Placement | None = None,
     reference_point: Vector | None = None,
     time_limit: float = 60.0,
+    chosen: int | str | None = None,
 ) -> Part:
-    """Read the single solid of a STEP file, in any unit of length, as a part.
+    """Read the single solid of a STEP file, or the chosen one, in any unit of length, as a part.
 
     Parameters
     ----------
@@ -66,6 +68,8 @@ def read_step(
         Name of the part; by default the file's name without its suffix.
     time_limit
         Time limit for reading and checking, s.
+    chosen
+        Of several solids, the number of one (the first is 1), or "all": fused, if they touch.
     material, clamped, loaded, interfaces, couplings, placement, reference_point
         As for `stiffscope.cad.solid.part_of`; by default the plane face
         with the smallest x is clamped, and the one with the largest x is loaded.
@@ -80,7 +84,7 @@ def read_step(
     InputError
         If the file contains no valid solid; the message states what was found and expected.
     """
-    solid = read_solid(path, time_limit)
+    solid = read_solid(path, time_limit, chosen)
     return part_of(
         solid,
         name=name or Path(path).stem,
@@ -95,13 +99,18 @@ def read_step(
     )
 
 
-def read_solid(path: str | Path, time_limit: float = 60.0) -> "Solid":
-    """Return the single valid solid of a STEP file, mm, file coordinates. Raises InputError."""
+def read_solid(
+    path: str | Path, time_limit: float = 60.0, chosen: int | str | None = None
+) -> "Solid":
+    """Return the single (or chosen) valid solid of a STEP file, mm, file coordinates.
+
+    ``chosen`` as for `read_step`. Raises InputError.
+    """
     content = check_file(Path(path))
     with scratch_folder() as folder:
         brep = folder / "solid.brep"
         read_alone(
-            _write_valid,
+            partial(_write_valid, chosen=chosen),
             Path(path),
             brep,
             time_limit,
@@ -165,10 +174,12 @@ def check_unit(path: Path, content: bytes) -> None:
         )
 
 
-def _write_valid(path: Path, shown: str, brep: Path) -> None:
+def _write_valid(
+    path: Path, shown: str, brep: Path, chosen: int | str | None = None
+) -> None:
     """Read a file, `shown` in messages, check its solid and write it in the kernel's format."""
     shape = cad.kernel_files.read_step(path)
-    cad.kernel_files.write_binary(cad.validity.valid_solid(shape, shown), brep)
+    cad.kernel_files.write_binary(cad.validity.valid_solid(shape, shown, chosen), brep)
 
 
 def read_alone(

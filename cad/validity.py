@@ -1,13 +1,18 @@
 """Validity of a solid for meshing: one closed solid of positive volume, not self-intersecting."""
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
 from stiffscope.cad import kernel
 from stiffscope.cad.kernel import Shape, Solid
-from stiffscope.cad.part import open_edges, tessellate, tessellate_closed
+from stiffscope.cad.part import (
+    find_open_edge,
+    open_edges,
+    tessellate,
+    tessellate_closed,
+)
 from stiffscope.errors import InputError, say_count
 
 log = logging.getLogger(__name__)
@@ -21,11 +26,14 @@ _ENVELOPE = (
 _REACHES = 4.0, 16.0, 64.0  # envelopes: radii of the balls in which points are drawn
 _SAMPLES = 128
 _MEASURED = 24  # points in each ball, and of those of another winding number
+_LISTED = 6  # solids that a refusal lists, the largest ones
+_TOUCH = 1e-3  # mm: faces of two solids this close touch, and are fused
+_OVERLAP = 1e-4  # of the volume: solids that share more are said to overlap
 THINNEST = 0.01  # mm: twice the volume over the area, a sheet's thickness; thinner ones cannot be meshed
 
 
-def valid_solid(shape: Shape, name: str) -> Solid:
-    """Return the single solid of a shape, with outward normals.
+def valid_solid(shape: Shape, name: str, chosen: int | str | None = None) -> Solid:
+    """Return the single solid of a shape, or the chosen one, with outward normals.
 
     A valid shape is exactly one solid without loose faces, whose faces meet only at their borders
     (but for what a mesher's envelope passes over), consistent (or healed, which is logged), closed,
@@ -33,25 +41,25 @@ def valid_solid(shape: Shape, name: str) -> Solid:
     `FARTHEST`, and of a mean thickness of at least `THINNEST`.
     Self-intersection of a face is detected if it is free-form, not if it is a whole spindle torus.
 
-    Lengths in mm. Raises InputError, which names the part or file and what was found.
+    Parameters
+    ----------
+    shape
+        Content of a file, lengths in mm.
+    name
+        Name of the part or file in messages.
+    chosen
+        Of several solids, the number of one (the first is 1), or "all": fused, if they touch.
+
+    Raises
+    ------
+    InputError
+        If there is no such solid; the message says what was found, and where.
     """
 
     def refuse(found: str, valid: str = "one closed solid") -> InputError:
         return InputError(f"{name}: expected {valid}, found {found}")
 
-    found, faces = kernel.solids(shape), kernel.faces(shape)
-    if len(found) > 1:
-        what = f"an assembly of {len(found)} solids"
-        raise refuse(what, "one solid (fuse them or export one of them)")
-    if not found:
-        what = say_count(len(faces), "face that bounds", "faces that bound")
-        surface = f"a surface without volume ({what} no solid)"
-        raise refuse(surface if faces else "no solid and no face")
-    solid = found[0]
-    loose = len(faces) - len(kernel.faces(solid))
-    if loose:
-        beside = f"{say_count(loose, 'loose face')} beside the solid"
-        raise refuse(beside, "one solid and nothing else")
+    solid = _single_solid(shape, name, chosen, refuse)
     farthest = np.abs([kernel.position(each) for each in kernel.vertices(solid)]).max(
         initial=0.0
     )
@@ -81,12 +89,84 @@ def valid_solid(shape: Shape, name: str) -> Solid:
     return solid
 
 
+def _single_solid(
+    shape: Shape, name: str, chosen: int | str | None, refuse: Callable[..., InputError]
+) -> Solid:
+    """Return the only solid of a shape, or the chosen one; refuse several, none, loose faces."""
+    if chosen is not None:
+        shape = _choose(shape, name, chosen)
+    found, faces = kernel.solids(shape), kernel.faces(shape)
+    if len(found) > 1:
+        raise refuse(
+            f"{len(found)}: {list_solids(found)}",
+            'one solid, or its number here as solid = N, or solid = "all" to fuse them',
+        )
+    if not found:
+        what = say_count(len(faces), "face that bounds", "faces that bound")
+        surface = f"a surface without volume ({what} no solid)"
+        raise refuse(surface if faces else "no solid and no face")
+    own = kernel.faces(found[0])
+    loose = [face for face in faces if not any(face.IsSame(each) for each in own)]
+    if loose:
+        at = _place(kernel.bounds(loose[0]).mean(axis=0))
+        beside = f"{say_count(len(loose), 'loose face')} beside the solid, at {at}"
+        raise refuse(beside, "one solid and nothing else, or solid = 1")
+    return found[0]
+
+
+def list_solids(found: Sequence[Solid]) -> str:
+    """Return number, box and volume of each of several solids; of many, the largest ones."""
+    volumes = [abs(kernel.volume_properties(each).Mass()) for each in found]
+    order = sorted(range(len(found)), key=lambda k: -volumes[k])
+    lines = []
+    for k in sorted(order[:_LISTED]):
+        low, high = kernel.bounds(found[k])
+        lines.append(
+            f"{k + 1} from {_place(low)} to {_place(high)}, {volumes[k]:.4g} mm3"
+        )
+    rest = len(found) - len(lines)
+    return "; ".join(lines) + (f"; and {rest} smaller" if rest else "")
+
+
+def _choose(shape: Shape, name: str, chosen: int | str) -> Shape:
+    """Return one solid of a shape by its number, or all of them, fused. Raises InputError."""
+    found = kernel.solids(shape)
+    if isinstance(chosen, int):
+        if not 1 <= chosen <= len(found):
+            raise InputError(
+                f"{name}: expected solid from 1 to {len(found)}, got {chosen}"
+                + (f" ({list_solids(found)})" if len(found) > 1 else "")
+            )
+        return found[chosen - 1]
+    if len(found) < 2:
+        return shape
+    fused = kernel.fuse(found, _TOUCH)
+    pieces = kernel.solids(fused)
+    if len(pieces) != 1:
+        got = "none"
+        if pieces:
+            gap, at = kernel.find_gap(pieces[0], kernel.compound(*pieces[1:]))
+            got = f"{len(pieces)} pieces, {gap:.3g} mm apart at {_place(at)}"
+        raise InputError(
+            f'{name}: expected solids that touch, as solid = "all", found {got}; '
+            f"take one of {list_solids(found)}"
+        )
+    whole = sum(abs(kernel.volume_properties(each).Mass()) for each in found)
+    shared = 1.0 - kernel.volume_properties(pieces[0]).Mass() / whole
+    also = f"; they overlap by {100.0 * shared:.2g} %" if shared > _OVERLAP else ""
+    log.warning("%s: %d solids fused as one part%s", name, len(found), also)
+    return pieces[0]
+
+
 def _check_surface(solid: Solid, refuse: Callable[..., InputError]) -> None:
     """Refuse a solid with gaps, or that overlaps itself."""
     surface = tessellate_closed(solid, 5e-4, 0.8)[:2]
     gaps = open_edges(surface[1])
     if gaps:
-        raise refuse(f"a solid that is not watertight ({say_count(gaps, 'open edge')})")
+        at = _place(1e3 * find_open_edge(*surface))
+        raise refuse(
+            f"a solid that is not watertight ({say_count(gaps, 'open edge')}, one at {at})"
+        )
     overlap = find_overlap(solid, surface)
     if overlap is not None:
         raise refuse(
@@ -121,7 +201,8 @@ def _heal(solid: Solid, name: str, refuse: Callable[..., InputError]) -> Solid:
 
 
 def _place(point: np.ndarray) -> str:
-    return f"({', '.join(f'{each:.6g}' for each in point)}) mm"
+    rounded = np.round(point, 4) + 0.0  # no -0
+    return f"({', '.join(f'{each:.6g}' for each in rounded)}) mm"
 
 
 def find_overlap(

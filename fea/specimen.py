@@ -47,6 +47,7 @@ ATTEMPTS = 3
 PATIENCE = 5.0  # most meshes tried, and seconds after which no more are tried
 CLOSER = 3.0  # ratio of successive envelopes; one larger than a step's height may lose the step
 GOOD_SHAPE = 3e-5
+LOST = 0.01  # of an interface's area: smaller faces of it may have no triangles
 
 GRADING_RATIO = (
     0.25  # a cut at a quarter reduces the error three times as much as one at half
@@ -250,7 +251,8 @@ def _best_mesh(
     tried: list[tuple[float, TetMesh]] = []
     for attempt in range(ATTEMPTS):
         left = max(time_limit - (time.perf_counter() - begun), 1.0)
-        limit = min(left, 4 * patience) if tried else left
+        usable = any(np.isfinite(error) for error, _ in tried)
+        limit = min(left, 4 * patience) if usable else left
         try:
             closer = envelope / CLOSER**attempt
             energy = ENERGY * specimen.flatness
@@ -268,8 +270,9 @@ def _best_mesh(
             raise
         mesh = snap(points, cells, specimen.surface, specimen.project, size)
         tried.append((shape_error(specimen, mesh), mesh))
-        if tried[-1][0] < GOOD_SHAPE or time.perf_counter() - begun > patience:
-            break
+        late = time.perf_counter() - begun > patience
+        if tried[-1][0] < GOOD_SHAPE or (late and np.isfinite(tried[-1][0])):
+            break  # without a whole interface a mesh is of no use, however late
         logger.info(
             "%s: geometric error %.1e, meshing once more", specimen.name, tried[-1][0]
         )
@@ -291,15 +294,21 @@ def geometric_error(specimen: Specimen, mesh: TetMesh) -> float:
 
 
 def interface_error(specimen: Specimen, mesh: TetMesh) -> tuple[float, float]:
-    """Return the largest relative error of interface area, and of centroid over interface size."""
+    """Return the largest relative error of interface area, and of centroid over interface size.
+
+    Both are infinite if faces of more than ``LOST`` of an interface's area have no triangles.
+    """
     areas = face_areas(mesh, len(specimen.surface.faces))
     worst = np.zeros(2)
     for interface in specimen.interfaces:
         numbers = sorted(interface)
-        if not areas[numbers].all():
-            return np.inf, np.inf
         faces = [specimen.surface.faces[number] for number in numbers]
         wanted = face_area(faces)
+        lost = face_area(
+            [face for face, area in zip(faces, areas[numbers], strict=True) if not area]
+        )
+        if lost > LOST * wanted:
+            return np.inf, np.inf
         found = centroid(mesh.points[mesh.facets_of(interface)])
         shift = np.linalg.norm(found - centroid_of(faces)) / np.sqrt(wanted)
         worst = np.maximum(worst, [abs(areas[numbers].sum() / wanted - 1), shift])
@@ -317,8 +326,10 @@ def _check(specimen: Specimen, mesh: TetMesh) -> None:
     if inverted:
         what = f"{inverted} elements of {specimen.name} are inverted"
         raise MeshError(f"mesh: {what}; choose a smaller size")
-    for face in specimen.held_faces.difference(mesh.facet_face.tolist()):
-        what = f"face {face} of {specimen.name} has no triangles"
+    if not np.isfinite(interface_error(specimen, mesh)).all():
+        face = min(specimen.held_faces.difference(mesh.facet_face.tolist()))
+        at = ", ".join(f"{1e3 * x:.4g}" for x in specimen.surface.faces[face].centroid)
+        what = f"face {face} of {specimen.name}, at ({at}) mm, has no triangles"
         raise MeshError(f"mesh: {what}; choose a smaller size")
     off = volume(mesh.points, mesh.cells) / specimen.volume - 1
     if abs(off) > 0.01:

@@ -2,8 +2,14 @@
 
 import difflib
 import re
-from collections.abc import Iterable
-from typing import Any
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any, TypeVar
+
+T = TypeVar("T")
+
+Key = tuple[str | int, ...]
+"""Keys of the tables around a value and its own, outermost first."""
 
 _NO_MEMORY = re.compile(
     r"MemoryError|bad_alloc|failed to map|(unable to|cannot) allocate|out ?of ?memory",
@@ -41,6 +47,57 @@ def _on_one_line(message: str) -> str:
     )
 
 
+class FieldError(ValueError):
+    """Error in the value of a key of a file; `Source.refuse` adds file and line."""
+
+    def __init__(self, key: Key, message: str) -> None:
+        super().__init__(message)
+        self.key = key
+
+
+def require(valid: object, where: object, expected: str, got: object = None) -> None:
+    """Raise the error ``WHERE: expected …, got …`` unless valid.
+
+    Parameters
+    ----------
+    valid
+        What holds of a valid input.
+    where
+        File, line and field, or an option: InputError. A key of the file that is being read, as a tuple:
+        FieldError, which becomes an InputError with file and line. "": what calls knows the place.
+    expected, got
+        The valid and the given, in words; without ``got`` only what is expected is said.
+    """
+    if not valid:
+        raise _error(where, expected, got)
+
+
+def require_given(
+    value: T | None, where: object, expected: str, got: object = "nothing"
+) -> T:
+    """Return a value; raise the error of `require` if it is None."""
+    if value is None:
+        raise _error(where, expected, got)
+    return value
+
+
+def _error(where: object, expected: str, got: object) -> FieldError | InputError:
+    message = f"expected {expected}" + ("" if got is None else f", got {got}")
+    if isinstance(where, tuple):
+        return FieldError(where, message)
+    return InputError(f"{where}: {message}" if str(where) else message)
+
+
+@contextmanager
+def naming(where: object, expected: str = "") -> Iterator[None]:
+    """Convert a ValueError in the block to an InputError that names the place, and what is expected there."""
+    try:
+        yield
+    except ValueError as error:
+        form = f"; expected {expected}" if expected else ""
+        raise InputError(f"{where}: {error}{form}") from error
+
+
 def check_kind(name: str, value: object, kind: Any, maker: str) -> None:
     """Raise InputError for an argument of another type; ``maker``: the function that returns the right one."""
     if not isinstance(value, kind):
@@ -67,7 +124,7 @@ def say_count(number: int, one: str, more: str = "") -> str:
     return f"{number:,} {one if number == 1 else more or f'{one}s'}"
 
 
-def meant(word: str, valid: Iterable[str], cutoff: float = 0.6) -> str:
+def suggest(word: str, valid: Iterable[str], cutoff: float = 0.6) -> str:
     """End of a message: the valid word that was probably meant, where one is as like as ``cutoff`` (1 is the same).
 
     Capital and small letters are the same.

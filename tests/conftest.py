@@ -1,8 +1,8 @@
 """Fixtures shared by all tests."""
 
 import os
+import re
 from contextlib import contextmanager
-from pathlib import Path
 
 if "PYTEST_XDIST_WORKER" in os.environ:  # before NumPy: its threads would only spin
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -11,99 +11,32 @@ import numpy as np
 import pytest
 
 from stiffscope.runtime.executor import Processes
-from tests.extended import EXTENDED
 from tests.robots import published_robot
 
-SLOW = (
-    "benchmarks",
-    "cad",
-    "cli",
-    "design/test_sensitivity_command.py",
-    "design/test_studies.py",
-    "experiments",
-    "exports",
-    "fea/test_beam.py",
-    "fea/test_elasticity.py",
-    "fea/test_experiment.py",
-    "fea/test_extrusion.py",
-    "fea/test_interfaces.py",
-    "fea/test_laws.py",
-    "fea/test_mass.py",
-    "fea/test_mesh.py",
-    "fea/test_sections.py",
-    "fea/test_sensitivity.py",
-    "fea/test_tolerance.py",
-    "files/test_keys.py",
-    "files/test_store.py",
-    "gap/test_any_robot.py",
-    "gap/test_campaign_command.py",
-    "gap/test_diagnose.py",
-    "gap/test_diagnosis_command.py",
-    "gap/test_diagnosis_report.py",
-    "gap/test_doubted_instruments.py",
-    "gap/test_effects_command.py",
-    "gap/test_exudyn_lab.py",
-    "gap/test_geometry.py",
-    "gap/test_hostile_tables.py",
-    "gap/test_inference.py",
-    "gap/test_planning.py",
-    "gap/test_predictions.py",
-    "gap/test_robot_model.py",
-    "gap/test_sanity.py",
-    "imports/test_assembly.py",
-    "lab/test_blind.py",
-    "lab/test_lab.py",
-    "live/test_live.py",
-    "lobes",
-    "notebook/test_notebook.py",
-    "parts/test_experiment_options.py",
-    "parts/test_interfaces.py",
-    "path/test_path.py",
-    "report/test_page.py",
-    "report/test_robot_scene.py",
-    "robot/test_sensitivity.py",
-    "runtime/test_executor.py",
-    "runtime/test_scheduler.py",
-    "statics/test_check.py",
-    "statics/test_comparison.py",
-    "statics/test_map.py",
-    "statics/test_run.py",
-    "statics/test_watch.py",
-    "test_bad_day.py",
-    "test_readme.py",
-    "test_tutorials.py",
-    "test_wheel.py",
-    "validation/test_parts.py",
-    "vibration/test_vibration.py",
+_SLOW = re.compile(
+    r"^pytestmark = [^=]*?pytest\.mark\.(slow|benchmark)\b", re.MULTILINE
 )
-"""Folders and files with slow tests: meshing, CAD, processes or long diagnoses."""
-
-
-def _is_slow(path):
-    of = path.relative_to(Path(__file__).parent).as_posix()
-    return any(of == each or of.startswith(f"{each}/") for each in SLOW)
 
 
 def pytest_ignore_collect(collection_path, config):
     """Skip slow files for the fast half, since importing their libraries takes seconds."""
-    return (
-        True
-        if config.getoption("markexpr").startswith("not slow")
-        and _is_slow(collection_path)
-        else None
-    )
+    if (
+        not config.getoption("markexpr").startswith("not slow")
+        or collection_path.suffix != ".py"
+    ):
+        return None
+    return True if _SLOW.search(collection_path.read_text(encoding="utf-8")) else None
 
 
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items):
-    """Mark tests outside the default run as extended, and those outside the fast half as slow."""
+    """Mark the cases that `extended_for` names as extended, and all outside the default run as slow."""
     for item in items:
-        further = EXTENDED.get(
-            item.path.relative_to(Path(__file__).parent).as_posix(), ()
-        )
-        if item.name in further or item.originalname in further:
+        cases = item.get_closest_marker("extended_for")
+        if cases is not None and item.callspec.id in cases.args:
             item.add_marker(pytest.mark.extended)
         marked = any(item.get_closest_marker(name) for name in ("long", "benchmark"))
-        if marked or item.get_closest_marker("extended") or _is_slow(item.path):
+        if marked or item.get_closest_marker("extended"):
             item.add_marker(pytest.mark.slow)
         if marked and not item.get_closest_marker("timeout"):
             item.add_marker(pytest.mark.timeout(7200))

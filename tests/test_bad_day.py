@@ -36,6 +36,8 @@ from tests.kills import (
     stiffscope,
 )
 
+pytestmark = pytest.mark.slow
+
 ROBOTS = {
     path.name: path.read_text(encoding="utf-8")
     for path in sorted((FOLDER / "robots").glob("*.toml"))
@@ -287,6 +289,7 @@ def test_kills_at_random_moments_lose_and_leave_nothing(tmp_path, name):
     assert [case for case in cases if case[1]] == []
 
 
+@pytest.mark.extended
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.parametrize(
     ("name", "whom"),
@@ -302,6 +305,7 @@ def test_a_kill_loses_and_leaves_nothing(tmp_path, name, whom):
     assert Bench(tmp_path / "clean", COMMANDS[name]).kill(3, whom)[1] == []
 
 
+@pytest.mark.extended_for("blind-9", "compliance-15", "compliance-2", "compliance-9")
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 @pytest.mark.parametrize("words", [COMPLIANCE, BLIND], ids=lambda words: words[0])

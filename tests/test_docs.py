@@ -101,6 +101,7 @@ def test_the_pages_need_nothing_but_their_extra() -> None:
     assert done.returncode == 0, done.stderr[-2000:]
 
 
+@pytest.mark.extended_for("theory")
 @pytest.mark.slow
 @pytest.mark.skipif(
     CHROMIUM is None, reason="Chromium is missing: apt-get install chromium"

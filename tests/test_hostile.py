@@ -21,6 +21,7 @@ def test_a_sample_of_mutants(name):
     assert [case for case in cases if case.wrong] == []
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(
     "name",
     [

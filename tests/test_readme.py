@@ -24,6 +24,8 @@ from stiffscope.notebook.objects import as_html
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.executor import Here
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]

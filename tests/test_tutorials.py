@@ -7,6 +7,8 @@ import pytest
 from jupyter_client import KernelManager
 from nbclient import NotebookClient
 
+pytestmark = pytest.mark.slow
+
 FOLDER = Path(__file__).parents[1] / "docs" / "tutorials"
 SHOWN = {
     "part": (
@@ -46,6 +48,7 @@ def kernel(tmp_path_factory):
         manager.shutdown_kernel(now=True)
 
 
+@pytest.mark.extended_for("gauges", "part", "robot")
 @pytest.mark.parametrize("name", sorted(file.stem for file in FOLDER.glob("*.ipynb")))
 def test_tutorials(name, kernel, tmp_path):
     written = nbformat.read(FOLDER / f"{name}.ipynb", 4)

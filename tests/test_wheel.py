@@ -12,6 +12,8 @@ import pytest
 
 import stiffscope as ss
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[1]
 SOURCES = ("stiffscope", "cad", "fea", "vjm", "data")
 

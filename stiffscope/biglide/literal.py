@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import require
 from stiffscope.vjm.kinematics.configurations import configure
 from stiffscope.vjm.network.condensation import condense_network
 from stiffscope.vjm.network.network import place_nodes
@@ -66,13 +66,11 @@ def require_biglide(mechanism: Mechanism) -> None:
     """Raise InputError if a mechanism lacks a body of the published equations."""
     elastic = {body.name for body in mechanism.bodies if body.elastic is not None}
     needed = {f"{limb}.slider" for limb in LIMBS}.union(*LIMBS.values())
-    if not needed <= elastic or "platform" not in {
-        body.name for body in mechanism.bodies
-    }:
-        expected = "expected the Biglide, whose paper has it"
-        raise InputError(
-            f"--gravity literal: {expected}; none or exact serve any robot"
-        )
+    require(
+        needed <= elastic and "platform" in {body.name for body in mechanism.bodies},
+        "--gravity literal",
+        "the Biglide, whose paper has it; none or exact serve any robot",
+    )
 
 
 def literal_stiffness(

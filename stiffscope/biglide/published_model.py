@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import require, require_given
 from stiffscope.gap.effects.elements import without_ranges
 from stiffscope.vjm.model.mechanism import Change
 from stiffscope.vjm.model.screws import Frame, rotation, shift
@@ -153,15 +153,11 @@ def published_model(
     mechanism: Mechanism, parameters: Mapping[str, float]
 ) -> PublishedModel:
     """Return the published model of a Biglide mechanism; raise InputError for any other robot."""
-    missing = [name for name in _LENGTHS if name not in parameters]
-    if missing:
-        expected = f"expected {', '.join(_LENGTHS)} of the Biglide"
-        raise InputError(f"parameters: {expected}, got no {missing[0]}")
+    what = f"{', '.join(_LENGTHS)} of the Biglide"
+    for name in _LENGTHS:
+        require(name in parameters, "parameters", what, f"no {name}")
     link = mechanism.body("limb1.link1").elastic
-    if link is None:
-        raise InputError(
-            "bodies.limb1.link1: expected an elastic body, got a rigid one"
-        )
+    link = require_given(link, "bodies.limb1.link1", "an elastic body", "a rigid one")
     length = float(np.linalg.norm(link.tip - link.base))
     dimensions = Dimensions(L=length, **{name: parameters[name] for name in _LENGTHS})
     return PublishedModel(without_ranges(mechanism), dimensions)

@@ -16,18 +16,22 @@ from typing import Any, NoReturn
 import click
 from click.exceptions import NoArgsIsHelpError
 
-from stiffscope.errors import InputError, StiffscopeError, lacks_memory, meant
+from stiffscope.errors import (
+    InputError,
+    StiffscopeError,
+    lacks_memory,
+    require,
+    suggest,
+)
 from stiffscope.registry import SUBJECTS, commands
 from stiffscope.runtime.output import FULL
-from stiffscope.runtime.reading import show_path, why
+from stiffscope.runtime.reading import describe_cause, show_path
 from stiffscope.runtime.signals import STOPS
 
 _FOR_DEVELOPERS = {
     "py.warnings",
     "asyncio",
 }  # shown only with --debug, e.g. a stopped event loop
-MOST_CHARACTERS = 100_000  # per argument of the command line
-LEAST_MEMORY = 256 << 20  # bytes of address space
 STOPPED = "stopped; nothing half-written is left"
 _stopped: list[int] = []  # signals that asked this process to end
 
@@ -100,7 +104,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
 def _guarded(arguments: list[str]) -> int:  # noqa: PLR0911 (one return per way to end)
     _listen()
     try:
-        _check_surroundings(arguments)
+        _check_surroundings()
         cli.main(arguments, prog_name="stiffscope", standalone_mode=False)
         sys.stdout.flush()
     except InputError as error:
@@ -149,16 +153,14 @@ def _describe_error(error: Exception) -> str:
             if file
             else "standard output, or the disk of temporary files"
         )
-        return f"{place}: cannot be used ({why(error, file or '-')})"
+        return f"{place}: cannot be used ({describe_cause(error, file or '-')})"
     return f"unexpected {type(error).__name__}: {error} (use --debug for the traceback)"
 
 
-def _check_surroundings(arguments: list[str]) -> None:
-    """Raise InputError for a closed output, a missing working folder, little memory or an invalid argument."""
-    if sys.stdout is None:
-        raise InputError(
-            "standard output: expected a file, a pipe or a terminal, got a closed one"
-        )
+def _check_surroundings() -> None:
+    """Raise InputError for a closed output or a missing working folder."""
+    valid = "a file, a pipe or a terminal"
+    require(sys.stdout is not None, "standard output", valid, "a closed one")
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.reconfigure(errors="replace")
     try:
@@ -167,23 +169,6 @@ def _check_surroundings(arguments: list[str]) -> None:
         raise InputError(
             "the working folder is no longer there; change to another one"
         ) from error
-    _check_memory()
-    for word in arguments:
-        if "\0" in word or len(word) > MOST_CHARACTERS:
-            got = "got one that is too long or has a NUL"
-            raise InputError(
-                f"{show_path(word)}: expected a word of the command line, {got}"
-            )
-
-
-def _check_memory() -> None:
-    """Raise InputError below a limit of address space at which libraries hang as they are loaded."""
-    with contextlib.suppress(ImportError):  # there is none on Windows
-        resource: Any = import_module("resource")
-        allowed = resource.getrlimit(resource.RLIMIT_AS)[0]
-        if 0 <= allowed < LEAST_MEMORY:
-            expected = f"expected at least {LEAST_MEMORY >> 20} MiB of address space (ulimit -v)"
-            raise InputError(f"memory: {expected}, got {allowed >> 20} MiB")
 
 
 def _drop_output() -> None:
@@ -201,7 +186,7 @@ def _show_usage(error: click.UsageError) -> None:
         unknown = re.match(r"No such command '(.*)'\.", text)
         group = error.ctx.command if error.ctx else None
         if unknown and error.ctx and isinstance(group, click.Group):
-            text = text.removesuffix(".") + meant(
+            text = text.removesuffix(".") + suggest(
                 unknown[1], group.list_commands(error.ctx)
             )
         _say(f"{text} (see {command} --help)")

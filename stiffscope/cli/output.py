@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.registry import registered
 from stiffscope.report.progress import progress
 from stiffscope.report.terminal import record_shown, show_line
@@ -52,11 +52,12 @@ class Output:
 
     def check_json(self) -> None:
         """Raise InputError if the JSON would replace a file that the command has read, or writes too."""
-        if self.json not in (None, "-") and os.path.realpath(self.json) in opened:
-            expected = "expected a file for the JSON alone"
-            raise InputError(
-                f"{show_path(self.json)}: {expected}, got one that the command also reads or writes"
-            )
+        require(
+            self.json in (None, "-") or os.path.realpath(self.json) not in opened,
+            show_path(self.json or ""),
+            "a file for the JSON alone",
+            "one that the command also reads or writes",
+        )
 
     def check_folder(self, folder: Path | None, *others: Path | None) -> None:
         """Raise InputError if a folder cannot be written or would contain another output."""

@@ -7,7 +7,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from stiffscope.errors import InputError, meant
+from stiffscope.errors import InputError, naming, require, suggest
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.mechanism_of import configured_poses, rigid_mechanism
 from stiffscope.vjm.kinematics.configurations import configure_drives, start_note
@@ -44,10 +44,12 @@ def find_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> As
     joints
         Displacements of drives from home as text, e.g. "leg1.motor=10 deg"; excludes ``at``.
     """
-    if at and joints:
-        raise InputError(
-            "--joints: expected either poses with --at or drives with --joints, got both"
-        )
+    require(
+        not (at and joints),
+        "--joints",
+        "either poses with --at or drives with --joints",
+        "both",
+    )
     names = tuple(joints or at or robot.poses)
     mechanism = rigid_mechanism(robot)
     if joints:
@@ -77,14 +79,11 @@ def _coordinates(robot: RobotFile, text: str) -> tuple[float, ...]:
     if text in robot.known_poses:
         return robot.known_poses[text]
     pose = robot.tool.pose
-    try:
+    examples = {"z": "350 mm", **dict.fromkeys(("rx", "ry", "rz"), "10 deg")}
+    example = ",".join(examples.get(name, "0") for name in pose)
+    names = f" or a pose of {robot.path}: {', '.join(robot.known_poses)}"
+    with naming(f"--at {text}", f'{",".join(pose).upper()} such as "{example}"{names}'):
         return q.several(text, *map(robot.dimension_of, pose))
-    except ValueError as error:
-        examples = {"z": "350 mm", **dict.fromkeys(("rx", "ry", "rz"), "10 deg")}
-        example = ",".join(examples.get(name, "0") for name in pose)
-        names = f" or a pose of {robot.path}: {', '.join(robot.known_poses)}"
-        expected = f'expected {",".join(pose).upper()} such as "{example}"{names}'
-        raise InputError(f"--at {text}: {error}; {expected}") from error
 
 
 def _displacements(robot: RobotFile, text: str) -> list[float]:
@@ -95,15 +94,12 @@ def _displacements(robot: RobotFile, text: str) -> list[float]:
         name, equals, value = (each.strip() for each in word.partition("="))
         spellings = (name, f"joints.{name}", name.removeprefix("joints."))
         name = next((each for each in spellings if each in drives), name)
-        if not equals:
-            expected = f'expected DRIVE=POSITION,… such as "{drives[0]}=10 mm"'
-            raise InputError(f'--joints {text}: {expected}, got "{word}"')
+        form = f'DRIVE=POSITION,… such as "{" ".join(drives[:1])}=10 mm"'
+        require(equals, f"--joints {text}", form, f'"{word}"')
         if name not in drives or name in given:
-            guess = "" if name in given else meant(name, drives)
+            guess = "" if name in given else suggest(name, drives)
             expected = f"expected each of {', '.join(drives)} once"
             raise InputError(f'--joints {text}: {expected}, got "{name}"{guess}')
-        try:
+        with naming(f"--joints {text}: {name}"):
             (given[name],) = q.several(value, robot.dimension_of(f"q:{name}"))
-        except ValueError as error:
-            raise InputError(f"--joints {text}: {name}: {error}") from error
     return [given.get(name, 0.0) for name in drives]

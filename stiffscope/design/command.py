@@ -22,7 +22,7 @@ from stiffscope.design.show import sensitivities as report
 from stiffscope.design.show import studies as study_report
 from stiffscope.design.studies import WHOLE, find_study, merge_study, run_study
 from stiffscope.design.study_reading import load_study
-from stiffscope.errors import InputError
+from stiffscope.errors import require, require_given
 from stiffscope.experiments.experiments import solve_parts
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.experiments.orders import order_part
@@ -74,9 +74,8 @@ def sensitivity(
     the robot file), or with --part of one part's compliance, sag and mass. Tolerances in the robot
     file ("20 mm ± 0.1 mm") give the scatter of the robot.
     """
-    if part is not None and (poses or components):
-        expected = "expected neither --at nor --components with it"
-        raise InputError(f"--part {part}: {expected}, which are of the robot")
+    alone = "neither --at nor --components with it, which are of the robot"
+    require(part is None or not (poses or components), f"--part {part}", alone)
     robot = load_robot(name, overrides)
     manifest = manifest_of(robot)
     if part is not None:
@@ -144,8 +143,7 @@ def study(
     if str(names[0]) == "merge":
         _merge(names[1:], output)
         return
-    if len(names) != 1:
-        raise InputError(f"{names[1]}: expected one study's file, got {len(names)}")
+    require(len(names) == 1, names[-1], "one study's file", len(names))
     share = _read_part(part)
     file = load_study(names[0])
     manifest = manifest_of(file.robot, file.path)
@@ -167,19 +165,20 @@ def study(
     _emit_study(found, output, manifest, [store])
     if not remove_copied(store, out, f"{DESIGNS}/"):
         log.warning("%s: holds files that %s does not; they stay there", store, out)
-    if share is None and found.outcomes.failed.all():
-        reason = found.designs.reasons[0]
-        raise InputError(
-            f"{file.path}: expected a design that can be computed, got none; the first: {reason}"
-        )
+    reason = found.designs.reasons.get(0, "")
+    require(
+        share is not None or not found.outcomes.failed.all(),
+        file.path,
+        "a design that can be computed",
+        f"none; the first: {reason}",
+    )
 
 
 def _read_part(text: str | None) -> tuple[int, int] | None:
     if text is None:
         return None
     match = re.fullmatch(r"(\d{1,9})/(\d{1,9})", text)
-    if match is None:
-        raise InputError(f"--part: expected I/N such as 3/20, got {text}")
+    match = require_given(match, "--part", "I/N such as 3/20", text)
     return int(match[1]), int(match[2])
 
 
@@ -187,8 +186,7 @@ def _merge(places: tuple[Path, ...], output: Output) -> None:
     """Join shares from their output folders; the study's file may be given first."""
     given = [path for path in places[:1] if path.is_file()]
     folders = places[len(given) :]
-    if not folders:
-        raise InputError("study merge: expected output folders of shares, got none")
+    require(folders, "study merge", "output folders of shares", "none")
     shares = [folder / DESIGNS for folder in folders]
     file = load_study(given[0] if given else find_study(shares))
     manifest = manifest_of(file.robot, file.path)

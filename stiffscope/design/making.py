@@ -25,7 +25,7 @@ from stiffscope.design.responses import (
     of_modes,
     quantities,
 )
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.experiments.masses import mass_of_solids
 from stiffscope.experiments.orders import LIBRARIES
@@ -304,7 +304,10 @@ def _respond(file: StudyFile, values: Values | None) -> tuple[float, ...]:
         )
     answers = tuple(response.value(known[response.job]) for response in file.responses)
     for response, value in zip(file.responses, answers, strict=True):
-        if not np.isfinite(value):
-            message = "expected a finite value, got none: the tool moves freely, or has no mode"
-            raise InputError(f"{response.name}: {message}")
+        require(
+            np.isfinite(value),
+            response.name,
+            "a finite value",
+            "none: the tool moves freely, or has no mode",
+        )
     return answers

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import naming
 from stiffscope.robot.part_matrices import part_sources
 from stiffscope.vjm.model.mechanism import COORDINATES, DIAGONAL
 from stiffscope.vjm.statics import analysis as statics
@@ -67,11 +67,9 @@ class Response:
         """Return the value from quantities (n,) at all poses. Raise InputError if undefined."""
         names = self.expression.names
         rows = ({name: float(known[name][k]) for name in names} for k in self.poses)
-        try:
-            each = [self.expression.value(row) for row in rows]
-        except ValueError as error:
-            raise InputError(f"{self.name}: {error}") from error
-        return float(_TAKE[self.take](np.array(each)))
+        with naming(self.name):
+            values = [self.expression.value(row) for row in rows]
+        return float(_TAKE[self.take](np.array(values)))
 
 
 def _entries() -> dict[str, tuple[str, int, int, str]]:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.design.responses import FREE, MOST_MODES
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.experiments.masses import mass_of_solids
 from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.mechanism_of import mechanism_of
@@ -222,10 +222,9 @@ class _Model:
         held = self.experiments[name]
         changes = _changes(self.robot, robot, name)
         known = self.derivatives.get(name, {})
-        unknown = [key for key in changes if key not in known]
-        if unknown:
-            expected = "expected a parameter with a derivative of the part's matrix"
-            raise InputError(f"{name}.{unknown[0]}: {expected}, got none")
+        what = "a parameter with a derivative of the part's matrix"
+        for key in changes:
+            require(key in known, f"{name}.{key}", what, "none")
 
         def change(field: str) -> Any:
             return sum(

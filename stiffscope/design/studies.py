@@ -26,9 +26,10 @@ from stiffscope.design.making import (
 from stiffscope.design.outcomes import Outcomes, find_front
 from stiffscope.design.search import SWEEPS, Ending, search
 from stiffscope.design.study_reading import load_study
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.robot.parameters import parameters
 from stiffscope.runtime.brief import describe_briefly
+from stiffscope.runtime.formats import to_dataframe
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -98,12 +99,10 @@ class Study:
     @property
     def table(self) -> pd.DataFrame:
         """Table with one row per design, SI; units are in the column names."""
-        import pandas as pd
-
         designs = self.designs
         count = len(self.designs)
         columns: dict[str, Any] = {
-            "design": range(1, count + 1),
+            "design": list(range(1, count + 1)),
             "from": designs.origins,
         }
         columns["state"] = self.outcomes.states
@@ -113,7 +112,7 @@ class Study:
             columns[response.column] = designs.responses[:, k]
         columns["best"] = np.isin(np.arange(count), self.best)
         columns["reason"] = [designs.reasons.get(k, "") for k in range(count)]
-        return pd.DataFrame(columns)
+        return to_dataframe(columns)
 
     def robot(self, index: int) -> RobotFile:
         """Return the robot of a design."""
@@ -210,22 +209,28 @@ def merge_study(file: StudyFile, folders: Sequence[Path]) -> Study:
     InputError
         A folder has no share of the study in its current state, or a share is missing.
     """
-    if file.method not in SWEEPS:
-        sweep = f"a sweep ({', '.join(SWEEPS)}), which has shares"
-        raise InputError(f"{file.path}: expected {sweep}, got {file.method}")
+    require(
+        file.method in SWEEPS,
+        file.path,
+        f"a sweep ({', '.join(SWEEPS)}), which has shares",
+        file.method,
+    )
     journals = [Journal(file, folder) for folder in folders]
     for journal in journals:
-        if not journal.path.is_file():
-            now = f"designs of {file.path} as it and its robot are now"
-            made = "made by this version of stiffscope"
-            raise InputError(f"{journal.path.parent}: expected {now}, {made}; got none")
+        require(
+            journal.path.is_file(),
+            journal.path.parent,
+            f"designs of {file.path} as it and its robot are now, made by this version of stiffscope; got none",
+        )
 
     def refuse(rows: Iterable[Any]) -> Iterator[Any]:
         missing = sum(1 for _ in rows)
-        if missing:
-            every = f"shares with all its {file.designs} designs"
-            got = f"none with {missing} of them; is a share missing, or not finished?"
-            raise InputError(f"{file.path}: expected {every}, got {got}")
+        require(
+            not missing,
+            file.path,
+            f"shares with all its {file.designs} designs",
+            f"none with {missing} of them; is a share missing, or not finished?",
+        )
         yield from ()
 
     desk = _Desk(
@@ -251,18 +256,18 @@ def check_part(file: StudyFile, part: tuple[int, int]) -> None:
         got = f"{file.path} with {file.method}, which looks at all designs before the next"
         cure = "--scheduler has its designs made on several machines"
         message = f"a sweep ({', '.join(SWEEPS)}), got {got}; {cure}"
-    if message:
-        raise InputError(f"--part: expected {message}")
+    require(not message, "--part", message)
 
 
 def find_study(folders: Sequence[Path]) -> Path:
     """Return the study file that is named in the journals of folders of designs."""
     for folder in folders:
-        if not folder.is_dir():
-            got = f"none with {folder.name}"
-            raise InputError(
-                f"{folder.parent}: expected the output folder of a share, got {got}"
-            )
+        require(
+            folder.is_dir(),
+            folder.parent,
+            "the output folder of a share",
+            f"none with {folder.name}",
+        )
         names = map(name_study, sorted(folder.glob(f"*{SUFFIX}")))
         for name in filter(None, names):
             # relative to where the output folder stands, which may hold the journals

@@ -26,14 +26,15 @@ from stiffscope.design.study_file import (
     Variable,
     round_off,
 )
-from stiffscope.errors import InputError
+from stiffscope.errors import FieldError, InputError, require, require_given
 from stiffscope.lobes.chatter import check_cut
 from stiffscope.path.job import load_job
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.expressions import parse
 from stiffscope.robot.file.override import write_override
-from stiffscope.robot.file.parse import FieldError, Source, blame, parse_text
+from stiffscope.robot.file.parse import Source, naming_key, parse_text
 from stiffscope.robot.file.tables import one_of, read_table
+from stiffscope.robot.file.validate import read_pose
 from stiffscope.robot.file.values import (
     Reads,
     Says,
@@ -44,16 +45,16 @@ from stiffscope.robot.file.values import (
 )
 from stiffscope.robot.mechanism_of import configured_poses, rigid_mechanism
 from stiffscope.robot.parameters import parameters
-from stiffscope.robot.reader import load_robot_of, pose_of, read_robot
+from stiffscope.robot.reader import load_robot_of, read_robot
 from stiffscope.runtime import reading
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from stiffscope.design.study_file import Pose, Value
+    from stiffscope.errors import Key
     from stiffscope.path.job import Job
     from stiffscope.robot.file.description import RobotFile
-    from stiffscope.robot.file.positions import Key
 
 Method = Literal["grid", "latin-hypercube", "sobol", "optimum", "pareto"]
 DESIGNS = {"latin-hypercube": 64, "sobol": 64, "optimum": 120, "pareto": 400}
@@ -62,8 +63,7 @@ RANGE = 'a range such as ["15 mm", "40 mm"]'
 
 
 def _read_count(value: Any) -> int:
-    if not 1 <= parse_whole(value) <= MOST_DESIGNS:
-        raise ValueError(f"expected 1 to {MOST_DESIGNS}, got {value}")
+    require(1 <= parse_whole(value) <= MOST_DESIGNS, "", f"1 to {MOST_DESIGNS}", value)
     return parse_whole(value)
 
 
@@ -106,6 +106,8 @@ class StudySection(Section):
 class RangeSection(Section):
     """A parameter as a table: a range with its number of grid points, or a list of values."""
 
+    exactly_one = (("range", "values"),)
+
     range: Annotated[list[Any] | None, Says(RANGE)] = None
     steps: Number = 5
     values: Annotated[
@@ -115,13 +117,14 @@ class RangeSection(Section):
     @field_validator("values")
     @classmethod
     def _some(cls, value: list[Any] | None) -> list[Any] | None:
-        if value is not None and not value:
-            raise ValueError("expected one value at least, got []")
+        require(value != [], "", "one value at least", "[]")
         return value
 
 
 class ResponseSection(Section):
     """A response as a table; a text alone is its `of`, with the worst value over the named poses."""
+
+    excludes = {"path": ("at",)}  # noqa: RUF012 (not a field)
 
     of: Annotated[
         str, Says('an expression over quantities such as "K_tx" or "K_tx/mass"')
@@ -178,8 +181,12 @@ def _read(top: StudySection, source: Source) -> StudyFile:
     given = _list_entries(top.parameters, ("parameters",), RangeSection)
     for key, name, _ in given:
         other = name.partition(".")[2]
-        if other in (each[1] for each in given):
-            raise FieldError(key, f'expected each value once, got "{other}" too')
+        require(
+            other not in (each[1] for each in given),
+            key,
+            "each value once",
+            f'"{other}" too',
+        )
     variables = tuple(_read_variable(*each, robot, top) for each in given)
     poses: dict[Pose, int] = {}
     wanted = _list_entries(top.responses, ("responses",), ResponseSection)
@@ -187,10 +194,9 @@ def _read(top: StudySection, source: Source) -> StudyFile:
     responses = tuple(_read_response(*each, robot, poses, find_job) for each in wanted)
     units = {response.name: response.unit for response in responses}
     for key, name, _ in wanted:
-        if not _NAME.fullmatch(name):
-            raise FieldError(
-                key, f'expected a name of letters, digits and _, got "{name}"'
-            )
+        require(
+            _NAME.fullmatch(name), key, "a name of letters, digits and _", f'"{name}"'
+        )
     limits = tuple(
         _read_limit(text, k, units) for k, text in enumerate(top.constraints)
     )
@@ -228,14 +234,8 @@ def _list_entries(
             found.append((inner, name, value))
 
     walk(key, "", table)
-    if not table:
-        raise FieldError(key, "expected one entry at least, got none")
+    require(table, key, "one entry at least", "none")
     return found
-
-
-def _refuse(key: Key, expected: str, got: Any) -> FieldError:
-    """Return the error for a value of the file."""
-    return FieldError(key, f"expected {expected}, got {q.show_value(got)}")
 
 
 def _read_variable(
@@ -243,27 +243,24 @@ def _read_variable(
 ) -> Variable:
     table = given if isinstance(given, dict) else {"range": given}
     found = read_table(RangeSection, table, key)
-    if (found.range is None) == (found.values is None):
-        raise _refuse(key, f"{RANGE}, or a table with range or values", given)
     known = {each.name: each for each in parameters(robot, top.components)}
     texts = (found.range if found.values is None else found.values) or []
-    if found.values is None and len(texts) != 2:
-        raise _refuse(key, f"{RANGE}, two ends", texts)
+    shown = q.show_value(texts)
+    require(found.range is None or len(texts) == 2, key, f"{RANGE}, two ends", shown)
     _check_takes(name, texts, robot, key)
     unit = known[name].unit if name in known else unit_of(texts[0])
     read = _read_number if found.values is None else _read_value
     values = tuple(read(each, key) for each in texts)
-    if len({isinstance(each, str) for each in values}) > 1:
-        raise _refuse(key, "values that are all numbers or all words", texts)
+    alike = len({isinstance(each, str) for each in values}) == 1
+    require(alike, key, "values that are all numbers or all words", shown)
     others = [each for each in texts if isinstance(each, str) and unit_of(each) != unit]
-    if others and not isinstance(values[0], str):
-        what = f"{RANGE}, both ends" if found.values is None else "values that are all"
-        raise _refuse(key, f"{what} in {unit}", texts)
+    what = f"{RANGE}, both ends" if found.values is None else "values that are all"
+    is_word = isinstance(values[0], str)
+    require(is_word or not others, key, f"{what} in {unit}", shown)
     if found.values is not None:
         return Variable(name, unit, values)
     low, high = map(float, values)
-    if not low < high:
-        raise _refuse(key, f"{RANGE}, the lower end first", texts)
+    require(low < high, key, f"{RANGE}, the lower end first", shown)
     levels = tuple(
         round_off(float(each)) for each in np.linspace(low, high, found.steps)
     )
@@ -271,7 +268,7 @@ def _read_variable(
 
 
 def _read_number(value: Any, key: Key) -> float:
-    with blame(*key):
+    with naming_key(*key):
         return float(any_quantity(value))
 
 
@@ -305,9 +302,8 @@ def _check_takes(name: str, texts: list[Any], robot: RobotFile, key: Key) -> Non
             continue
         changed = made.source.changed.keys() - source.changed
         copied = [each[1] for each in changed if each[1] in made.copied]
-        if copied:
-            got = f'"{copied[0]}", a copy: vary its original'
-            raise FieldError(key, f"expected what the robot file writes, got {got}")
+        got = f'"{"".join(map(str, copied[:1]))}", a copy: vary its original'
+        require(not copied, key, "what the robot file writes", got)
         if not is_word:
             return
         valid = True
@@ -330,7 +326,7 @@ def _read_response(
     job = None if found.path is None else find_job(found.path)
     along: dict[str, str] = dict.fromkeys(ALONG_PATH, "m")
     units = known_units(robot) if job is None else along
-    with blame(*where):
+    with naming_key(*where):
         expression = parse(found.of)
         for each in expression.names:
             one_of(each, units, "a quantity")
@@ -341,38 +337,35 @@ def _read_response(
     if alone:
         unit = units[alone]
         take = take or worst_of(alone)
-    if unit is None:
-        expected = 'the SI unit of the expression such as "N/m/kg"'
-        raise FieldError(of_unit, f"expected {expected}, got nothing")
-    given = measured = None
+    example = 'the SI unit of the expression such as "N/m/kg"'
+    unit = require_given(unit, of_unit, example)
+    stated = measured = None
     with suppress(ValueError):
-        given = q.powers_of(unit)
+        stated = q.powers_of(unit)
     with suppress(ValueError):  # an index may be a sum of unlike quantities
         measured = expression.powers(
             {each: q.powers_of(units[each]) for each in expression.names}
         )
-    if given is None:
-        raise _refuse(of_unit, 'a product of SI units such as "N/m/kg"', unit)
-    if (
-        unit != "1"
-        and measured is not None
-        and not np.allclose(given[:-1], measured[:-1])
-    ):
-        what = f"a unit of {q.show_powers(measured)}, which {expression.text} measures"
-        raise _refuse(of_unit, what, unit)
+    example = 'a product of SI units such as "N/m/kg"'
+    stated = require_given(stated, of_unit, example, q.show_value(unit))
+    if unit != "1" and measured is not None:
+        require(
+            np.allclose(stated[:-1], measured[:-1]),
+            of_unit,
+            f"a unit of {q.show_powers(measured)}, which {expression.text} measures",
+            q.show_value(unit),
+        )
     if job is not None:
-        if found.at is not None:
-            raise _refuse((*key, "at"), "none beside a path", found.at)
         points = np.flatnonzero(job.path.acting)
         if CRITICAL in expression.names:
-            with blame(*key, "path"):
+            with naming_key(*key, "path"):
                 check_cut(job)
         take = found.take or ("least" if alone == CRITICAL else "worst")
         return Response(name, expression, unit, tuple(points.tolist()), take, job)
     at = [poses.setdefault(pose, len(poses)) for pose in _list_poses(found, robot, key)]
-    if take is None and len(at) > 1:
+    if len(at) > 1:
         which = "least, greatest, mean, worst or rms: what of several poses counts"
-        raise FieldError((*key, "take"), f"expected {which}, got nothing")
+        take = require_given(take, (*key, "take"), which)
     return Response(name, expression, unit, tuple(at), take or "least")
 
 
@@ -383,23 +376,21 @@ def _list_poses(found: ResponseSection, robot: RobotFile, key: Key) -> list[Pose
     names = list(robot.poses) if found.at is None else found.at
     if isinstance(names, str):
         names = [names]
-    if not isinstance(names, list) or not names:
-        raise _refuse(where, 'names of poses, numbers in a list, or "map"', found.at)
+    what = 'names of poses, numbers in a list, or "map"'
+    listed = isinstance(names, list) and names
+    require(listed, where, what, q.show_value(found.at))
     numeric = (
         re.match(r"\s*[-+.\d]", str(names[0])) and names[0] not in robot.known_poses
     )
     chosen = [names] if numeric else names
     out: list[Pose] = []
     for each in names if isinstance(found.at, str) else chosen:
-        try:
-            named = not isinstance(each, list)
+        with naming_key(*where):
             out.append(
-                one_of(each, robot.known_poses, "a pose")
-                if named
-                else pose_of(robot, each)
+                read_pose(each, robot.tool, where)
+                if isinstance(each, list)
+                else one_of(each, robot.known_poses, "a pose")
             )
-        except (InputError, ValueError) as error:
-            raise FieldError(where, str(error).removeprefix("--at: ")) from error
     numbers = [
         robot.known_poses[each] if isinstance(each, str) else each for each in out
     ]
@@ -412,35 +403,27 @@ def _list_poses(found: ResponseSection, robot: RobotFile, key: Key) -> list[Pose
 
 def _list_grid(robot: RobotFile, points: int, where: Key) -> list[Pose]:
     """Return the map points reachable for the nominal robot; a design must reach all of them."""
-    if robot.map is None:
-        raise FieldError(where, f"expected a pose: {robot.path} has no [map], got map")
+    swept = require_given(robot.map, where, f"a pose: {robot.path} has no [map]", "map")
     mechanism = rigid_mechanism(robot)
-    ranges = robot.map.ranges()
+    ranges = swept.ranges()
     mesh = np.meshgrid(
         *(np.linspace(*ends, points) for ends in ranges.values()), indexing="ij"
     )
-    base = (
-        mechanism.tool.home
-        if robot.map.at is None
-        else np.array(robot.map.at, dtype=float)
-    )
+    base = mechanism.tool.home if swept.at is None else np.array(swept.at, dtype=float)
     grid = np.tile(base, (mesh[0].size, 1))
     for name, values in zip(ranges, mesh, strict=True):
         grid[:, robot.tool.pose.index(name)] = values.ravel()
     reached = grid[configured_poses(robot, mechanism, grid).valid]
-    if not len(reached):
-        raise FieldError(where, "expected a map with points within reach, got none")
+    require(len(reached), where, "a map with points within reach", "none")
     return [tuple(map(float, pose)) for pose in reached]
 
 
 def _read_limit(text: str, number: int, units: dict[str, str]) -> Limit:
     key: Key = ("constraints", number)
-    match = _LIMIT.fullmatch(text)
-    if match is None:
-        form = 'RESPONSE <= VALUE or RESPONSE >= VALUE such as "mass <= 3 kg"'
-        raise FieldError(key, f'expected {form}, got "{text}"')
+    form = 'RESPONSE <= VALUE or RESPONSE >= VALUE such as "mass <= 3 kg"'
+    match = require_given(_LIMIT.fullmatch(text), key, form, f'"{text}"')
     name, relation, value = match.groups()
-    with blame(*key):
+    with naming_key(*key):
         unit = units[one_of(name, units, "a response")]
     dimension = q.Dimension(
         f"a value of {name}", "" if unit == "1" else unit, f"3 {unit}"
@@ -448,7 +431,7 @@ def _read_limit(text: str, number: int, units: dict[str, str]) -> Limit:
     given: Any = value
     with suppress(ValueError):
         given = float(value)
-    with blame(*key):
+    with naming_key(*key):
         return Limit(
             name, relation == "<=", q.to_si(given, dimension, sign="any"), text
         )
@@ -458,29 +441,22 @@ def _read_goals(top: StudySection, units: dict[str, str]) -> tuple[Goal, ...]:
     found = []
     for word, sign in (("minimize", 1.0), ("maximize", -1.0)):
         for number, name in enumerate(getattr(top, word)):
-            with blame(word, number):
+            with naming_key(word, number):
                 found.append(Goal(one_of(name, units, "a response"), sign))
-    if top.method == "optimum" and len(found) != 1:
-        raise _refuse(
-            ("method",),
-            "one response to minimize or maximize for an optimum",
-            len(found),
-        )
-    if top.method == "pareto" and len(found) < 2:
-        raise _refuse(
-            ("method",), "two or more to minimize and maximize for pareto", len(found)
-        )
+    count = len(found)
+    one = "one response to minimize or maximize for an optimum"
+    require(top.method != "optimum" or count == 1, ("method",), one, count)
+    two = "two or more to minimize and maximize for pareto"
+    require(top.method != "pareto" or count > 1, ("method",), two, count)
     return tuple(found)
 
 
 def _count_designs(top: StudySection, variables: tuple[Variable, ...]) -> int:
     if top.method != "grid":
         return top.designs or DESIGNS[top.method]
-    if top.designs is not None:
-        raise FieldError(
-            ("designs",), "expected none for a grid, whose ranges have steps and values"
-        )
+    none = "none for a grid, whose ranges have steps and values"
+    require(top.designs is None, ("designs",), none, top.designs)
     count = math.prod(len(variable.levels) for variable in variables)
-    if count > MOST_DESIGNS:
-        raise _refuse(("method",), f"a grid of at most {MOST_DESIGNS} designs", count)
+    most = f"a grid of at most {MOST_DESIGNS} designs"
+    require(count <= MOST_DESIGNS, ("method",), most, count)
     return count

@@ -201,13 +201,14 @@ def _check_length(robot: RobotFile, name: str, length: float) -> None:
     """Raise InputError if a body's length differs from that of its STEP file's solid."""
     for body in robot.bodies_of(name):
         given = robot.elastic_bodies()[body].length
-        if abs(length - given) > SAME_LENGTH * given:
-            file = getattr(robot.part(name), "file", "")
-            what = f"as the reference point of {file} is from its clamped faces along x"
-            message = (
-                f"expected a tip {mm(length)} from the base, {what}, got {mm(given)}"
-            )
-            raise robot.refuse(("bodies", body, "tip"), message)
+        file = getattr(robot.part(name), "file", "")
+        what = f"as the reference point of {file} is from its clamped faces along x"
+        robot.source.require(
+            abs(length - given) <= SAME_LENGTH * given,
+            ("bodies", body, "tip"),
+            f"a tip {mm(length)} from the base, {what}",
+            mm(given),
+        )
 
 
 @contextmanager

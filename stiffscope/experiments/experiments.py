@@ -14,7 +14,7 @@ import numpy as np
 from stiffscope.cad.faces import face_geometries
 from stiffscope.cad.part import mass_properties
 from stiffscope.cad.step import write_step, write_stl
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.fea.experiment import load_experiment
 from stiffscope.fea.export import write_vtu
 from stiffscope.fea.mesh import MeshError
@@ -249,8 +249,11 @@ def _read(order: PartOrder, folder: Path, *, whole: bool, reused: bool) -> PartR
         "inertia": (3, 3),
     }
     for name, shape in shapes.items():
-        if np.shape(solid[name]) != shape or not np.isfinite(solid[name]).all():
-            raise ValueError(f"expected finite numbers of {name}")
+        require(
+            np.shape(solid[name]) == shape and np.isfinite(solid[name]).all(),
+            "",
+            f"finite numbers of {name}",
+        )
     experiment = load_experiment(folder / EXPERIMENT, fields=whole)
     return PartResult(
         order=order,

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from stiffscope.cad.solid import GREATEST_X, LEAST_X, build
 from stiffscope.cad.step import read_step
-from stiffscope.errors import InputError, check_kind
+from stiffscope.errors import InputError, check_kind, require
 from stiffscope.fea.settings import Settings
 from stiffscope.robot.file.description import RobotFile
 from stiffscope.robot.file.part_sections import ParametricPart, SolidPart, StepPart
@@ -51,6 +51,7 @@ class StepOrder:
     couplings: tuple[tuple[str, str], ...] = ()
     placement: Placement | None = None
     reference_point: tuple[float, float, float] | None = None
+    chosen: int | str | None = None  # of several solids
     shape: ClassVar[str] = "step"
     axes: ClassVar[str] = (
         "those of the STEP file, or of the frame chosen in it; twist (v, omega) and wrench (f, m) "
@@ -131,6 +132,7 @@ class PartOrder:
                 couplings=dict(step.couplings),
                 placement=step.placement,
                 reference_point=step.reference_point,
+                chosen=step.chosen,
             )
         except InputError as error:
             text = str(error).replace("faces FILE", f"faces {step.path}")
@@ -153,9 +155,12 @@ def order_part(
     label
         Name in progress and results; by default that of the part.
     """
-    if name not in robot.parts:
-        known = ", ".join(robot.parts) or "(none)"
-        raise InputError(f"part: expected one of {known}, got {name!r}")
+    require(
+        name in robot.parts,
+        "part",
+        f"one of {', '.join(robot.parts) or '(none)'}",
+        f"{name!r}",
+    )
     part = robot.part(name)
     solid = _step_order(robot, name, step) or _dimensions(robot, name)
     material = robot.material(name)
@@ -227,8 +232,8 @@ def _dimensions(robot: RobotFile, name: str) -> SolidParameters:
     """Return the shape of a parametric part, without parameters of absent features."""
     part = robot.part(name)
     if not isinstance(part, ParametricPart):
-        expected = 'expected a shape that is a solid, such as "rod" or "step"'
-        raise robot.refuse(("parts", name, "shape"), f'{expected}, got "{part.shape}"')
+        what = 'expected a shape that is a solid, such as "rod" or "step"'
+        raise robot.refuse(("parts", name, "shape"), f'{what}, got "{part.shape}"')
     try:
         return part.parameters().present()
     except (
@@ -244,8 +249,7 @@ def _step_order(
     """Return the order of a given STEP file, with the robot file's faces, or of the part's own."""
     part = robot.part(name)
     section = part if isinstance(part, StepPart) else None
-    if given == "":
-        raise InputError("--step: expected a STEP file, got no name")
+    require(given != "", "--step", "a STEP file", "no name")
     path = (
         Path(given)
         if given is not None
@@ -272,6 +276,7 @@ def _step_order(
         **chosen,
         placement=section.placement(),
         reference_point=section.reference_point,
+        chosen=section.solid,
         interfaces=tuple((end, _select(each.faces)) for end, each in ends),
         couplings=tuple((end, each.interface) for end, each in ends if each.interface),
     )

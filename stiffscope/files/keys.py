@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Union, get_args, get_
 from pydantic_core import PydanticUndefined
 
 from stiffscope.cad.materials import MATERIALS
-from stiffscope.errors import InputError, meant
+from stiffscope.errors import InputError, suggest
 from stiffscope.gap.effects.vocabulary import EFFECTS
 from stiffscope.registry import load, slices
 from stiffscope.report.terminal import show_line, show_table
@@ -142,21 +142,21 @@ def _robot_keys() -> dict[str, list[Key]]:
 
 def all_keys() -> dict[str, dict[str, list[Key]]]:
     """Return all keys by kind of file and section."""
-    described = _meanings()["campaign"].items()
-    campaign = {
-        title: [Key(*each) for each in keys.items()] for title, keys in described
-    }
-    campaign["effects"] = []
-    for name, parameters in EFFECTS.items():
-        said = ", ".join(f"{parameter} ({unit})" for parameter, unit in parameters[:9])
-        campaign["effects"].append(Key(name, said or "no parameters"))
     others = dict[str, dict[str, list[Key]]]()
     # a file's own sections stand before those that other slices add to it
     ordered = sorted(slices().values(), key=lambda each: bool(each.sections))
     for each in ordered:
         for kind, tables in each.keys:
             others.setdefault(kind, {}).update(_section_keys(kind, load(tables)))
-    return {"robot": _robot_keys(), **others, "campaign": campaign}
+    campaign = others["campaign"]
+    quantities = _meanings()["quantities at M"].items()
+    campaign["quantities at M"] = [Key(*each) for each in quantities]
+    campaign["effects"] = []
+    for name, parameters in EFFECTS.items():
+        said = ", ".join(f"{parameter} ({unit})" for parameter, unit in parameters[:9])
+        campaign["effects"].append(Key(name, said or "no parameters"))
+    kinds = ("study", "job", "campaign")
+    return {"robot": _robot_keys(), **{kind: others[kind] for kind in kinds}}
 
 
 def find_keys(wanted: str | None) -> dict[str, dict[str, list[Key]]]:
@@ -175,7 +175,7 @@ def find_keys(wanted: str | None) -> dict[str, dict[str, list[Key]]]:
     found = {kind: titles for kind, titles in found.items() if titles}
     if not found:
         titles = [title for titles in every.values() for title in titles]
-        guess = meant(wanted, [*every, *titles], cutoff=0.4)
+        guess = suggest(wanted, [*every, *titles], cutoff=0.4)
         expected = f"expected {', '.join(every)} or part of a section's title"
         raise InputError(f'keys: {expected}, got "{wanted}"{guess}')
     return found
@@ -237,7 +237,7 @@ def _words_of(annotation: Any) -> str:  # noqa: PLR0911 (one return per kind of 
 def _default(field: Any, takes: str) -> str:
     """Return a default as a file would have it, in the unit of the example."""
     value = field.get_default(call_default_factory=True)
-    if value is None or value is PydanticUndefined or value == "":
+    if value is None or value is PydanticUndefined or value in ("", (), {}):
         return "–"
     if isinstance(value, tuple):
         return f"`[{', '.join(f'{each:g}' for each in value)}]`"

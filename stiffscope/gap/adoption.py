@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import tomlkit
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, naming, require_given
 from stiffscope.experiments.robot_files import robot_document
 from stiffscope.gap.effects.drives import ActuatorStiffness
 from stiffscope.gap.effects.effect import UNNAMED
@@ -30,14 +30,11 @@ _LEAST_TOGETHER = 2  # effects on drives that may share one
 
 def check_target(target: Path, robot: RobotFile | None) -> None:
     """Raise InputError early if the target cannot be written or there is no robot."""
-    if robot is None:
-        raise InputError(
-            "--adopt: this campaign has predictions instead of a robot with effects"
-        )
-    try:
+    require_given(
+        robot, "--adopt", "a campaign with a robot", "predictions instead of one"
+    )
+    with naming("--adopt"):
         output.check_new(target)
-    except InputError as error:
-        raise InputError(f"--adopt {error}") from error
 
 
 def adopt(

@@ -94,6 +94,8 @@ def diagnose(
             if diagnosis.samples is not None:
                 write_posterior(folder / "posterior.nc", diagnosis.samples)
                 write_readings(folder / "readings.csv", diagnosis.samples)
+            if diagnosis.responses:
+                gap_tables.write_modes(folder / "modes.csv", diagnosis)
             orders = [order_figures(diagnosis, folder)]
             if nominal and ahead and (found := configure_case(case, nominal)):
                 orders += order_shares(nominal, diagnosis, found, folder, ahead)

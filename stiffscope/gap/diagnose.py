@@ -372,8 +372,12 @@ def _intervals(
         return [
             (float(min(a, b)), float(max(a, b))) for a, b in zip(*sides, strict=True)
         ]
-    below, above = (values + sigma * end for end in quantiles(0.0, 1.0))
-    return list(zip(below.tolist(), above.tolist(), strict=True))
+    least = 0.0 if candidate.parts else -np.inf  # no root mean square is below zero
+    ends = [
+        quantiles(value, deviation, least)
+        for value, deviation in zip(values, sigma.clip(min=1e-300), strict=True)
+    ]
+    return [(float(low), float(high)) for low, high in ends]
 
 
 def _under_other_priors(found: Findings) -> dict[str, Findings]:

@@ -18,8 +18,13 @@ from scipy.optimize import linear_sum_assignment
 
 from stiffscope.gap.campaign.response_lines import find_peaks
 from stiffscope.gap.forward.joint_model import JointModel
-from stiffscope.gap.inference.diagnosis import ResponseModes, SetupModes
+from stiffscope.gap.inference.diagnosis import (
+    ResponseLines,
+    ResponseModes,
+    SetupModes,
+)
 from stiffscope.gap.inference.residuals import AbsoluteGap, split_by_kind
+from stiffscope.responses.checks import name_response
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -73,9 +78,31 @@ def describe_responses(
         own = [_compare_levels(before, after) for before, after in states]
         levels += own
         before, after = zip(*states, strict=True)
-        setups[name] = SetupModes(tuple(_pair_modes(before, after)), *_sizes(own))
+        lines = tuple(line for pair in states for line in _compare_lines(*pair))
+        setups[name] = SetupModes(
+            tuple(_pair_modes(before, after)), *_sizes(own), lines=lines
+        )
     beside = "mode " if "frequency" in split_by_kind(found.campaign) else ""
     return setups, _find_gaps(levels, setups, f"{beside}frequency")
+
+
+def _compare_lines(
+    before: ResponseState, after: ResponseState
+) -> Iterator[ResponseLines]:
+    """Yield the responses of a block at all their lines."""
+    block = before.block
+    responses = block.measured.responses
+    hertz = responses[0].frequency
+    predicted = zip(
+        before.predict_lines(hertz), after.predict_lines(hertz), strict=True
+    )
+    for k, (response, (first, last)) in enumerate(
+        zip(responses, predicted, strict=True)
+    ):
+        # the scatter of used lines, relative to their levels
+        noise = np.interp(hertz, block.frequency, block.noise[k])
+        name = name_response(response)
+        yield ResponseLines(name, hertz, response.receptance, first, last, noise)
 
 
 def _compare_levels(before: ResponseState, after: ResponseState) -> _Levels:

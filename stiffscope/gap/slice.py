@@ -18,5 +18,6 @@ SLICE = Slice(
             "Create or check a campaign of measurements.",
         ),
     ),
+    keys=(("campaign", "stiffscope.gap.campaign.campaign_header:SECTIONS"),),
     changes=(("effects", "stiffscope.gap.effects.vocabulary:apply_effects"),),
 )

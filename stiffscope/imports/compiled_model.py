@@ -14,7 +14,7 @@ from xml.parsers import expat
 import numpy as np
 from numpy.polynomial.polynomial import polyval
 
-from stiffscope.errors import InputError, meant
+from stiffscope.errors import InputError, suggest
 from stiffscope.imports.model_inertia import set_aside_inertias
 from stiffscope.imports.model_loops import close_loops
 from stiffscope.robot.file.quantities import ANGLE, LENGTH, to_si
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 
 GROUND = "ground"
 CLOSED = 1e-10  # m, rad: largest error of a closed loop
+_MOVED = 1e-6  # m, rad: less is not worth a note
 _ROUNDS = 500
 _INDEPENDENT = 1e-9  # of the largest: singular values of directions that loops hold
 _LEAST_DAMPING = 1e-6  # of the square of the largest singular value
@@ -284,7 +285,7 @@ def _check_urdf(path: Path, content: bytes) -> list[str]:
             got = 'got one to be converted ("xacro FILE.xacro > FILE.urdf")'
             raise InputError(f"{place}: expected a URDF without xacro, {got}")
         known = element in {*_URDF, "inertial"}
-        guess = "" if known else meant(element, _URDF, cutoff=0.8)
+        guess = "" if known else suggest(element, _URDF, cutoff=0.8)
         if guess:
             raise InputError(
                 f'{place}: expected an element of URDF, got "{element}"{guess}'
@@ -342,7 +343,7 @@ def _check_attributes(
 def _is_drivers_word(element: str, name: str, attributes: Mapping[str, str]) -> bool:
     """Return whether an unknown attribute is a driver's own limit, not a range misspelled."""
     ranges = [key for key in ("lower", "upper") if key not in attributes]
-    return element == "limit" and not meant(name, ranges, cutoff=0.65)
+    return element == "limit" and not suggest(name, ranges, cutoff=0.65)
 
 
 def _doubt(
@@ -451,8 +452,10 @@ def _go_home(compiled: CompiledModel, wanted: Mapping[str, float]) -> None:
                 f"--home {name}: expected {what}, got {value:.4g} (m or rad)"
             )
         d.qpos[m.jnt_qposadr[number]] = value
+    _lead(compiled, {joints[name] for name in wanted})
     _follow(compiled, couplings)
     _close_loops(compiled)
+    _note_moved(compiled, {name: joints[name] for name in wanted}, wanted)
 
 
 def _couplings(compiled: CompiledModel, wanted: Container[int]) -> dict[int, int]:
@@ -464,6 +467,52 @@ def _couplings(compiled: CompiledModel, wanted: Container[int]) -> dict[int, int
         if compiled.is_a(m.eq_type[number], "mjtEq", "mjEQ_JOINT")
         and int(m.eq_obj1id[number]) not in wanted
     }
+
+
+def _lead(compiled: CompiledModel, wanted: Container[int]) -> None:
+    """Put leaders where their followers of a linear law want them, unless wanted themselves."""
+    m = compiled.model
+    d = compiled.data
+    every = _couplings(compiled, ())
+    chain = [joint for joint in every if joint in wanted]
+    for joint in chain:  # grows by leaders that follow others themselves
+        number = every[joint]
+        leader = int(m.eq_obj2id[number])
+        offset, slope, *higher = m.eq_data[number, :5]
+        if (
+            leader < 0
+            or leader in wanted
+            or leader in chain
+            or not slope
+            or any(higher)
+        ):
+            continue
+        moved = d.qpos[m.jnt_qposadr[joint]] - m.qpos0[m.jnt_qposadr[joint]]
+        there = m.jnt_qposadr[leader]
+        d.qpos[there] = m.qpos0[there] + (moved - offset) / slope
+        if leader in every:
+            chain.append(leader)
+
+
+def _note_moved(
+    compiled: CompiledModel, joints: Mapping[str, int], wanted: Mapping[str, float]
+) -> None:
+    """Add a note on joints that do not stand where ``--home`` puts them, as loops would open."""
+    m = compiled.model
+    there = {
+        name: float(compiled.data.qpos[m.jnt_qposadr[number]])
+        for name, number in joints.items()
+    }
+    moved = [
+        f"{name} at {at:.6g} instead of {wanted[name]:.6g}"
+        for name, at in there.items()
+        if abs(at - wanted[name]) > _MOVED
+    ]
+    if moved:
+        compiled.notes.append(
+            f"home has {list_some(moved, 5)} (m or rad), as loops and joints that follow "
+            "others do not close otherwise"
+        )
 
 
 def _follow(compiled: CompiledModel, couplings: Mapping[int, int]) -> None:

@@ -64,6 +64,7 @@ NUTTED = (
 )
 _ALONG = 0.999999  # cosine of parallel axes
 _SLENDER = 12.0  # a bar with a larger ratio of length to diameter is not a pin
+_SPAN = 2.0  # diameters: a bar free over more between its bores bends: no pin
 
 
 @dataclass(frozen=True)
@@ -141,7 +142,12 @@ def find_hardware(
     bars = [
         n for n, (role, reason) in found.items() if role == "pin" or reason == NUTTED
     ]
-    shafts = [n for n in bars if len(_find_ends(n, found, touched, dict(pairs))) < 2]
+    shafts = [
+        n
+        for n in bars
+        if len(_find_ends(n, found, touched, dict(pairs))) < 2
+        or _free_span(n, touched[n]) > _SPAN
+    ]
     found |= {n: ("", found[n][1]) for n in shafts}
     found |= {
         number: ("" if role == "part" else role, "said so")
@@ -206,6 +212,24 @@ def _find_ends(
         around = _others(_round(touched[ring], ring, inside=True), ring)
         ends |= around if role in {"bushing", "bearing", "ring"} else {other}
     return set() if held <= {"bearing", "ring"} else ends
+
+
+def _free_span(bar: int, touched: Contacts) -> float:
+    """Return the longest stretch of a bar between two of its bores, over its diameter."""
+    bores = _round(touched, bar, inside=True)
+    if not bores:
+        return 0.0
+    along = bores[0].axis
+    ends = sorted(
+        (each.point @ along - 0.5 * each.size, each.point @ along + 0.5 * each.size)
+        for each in bores
+    )
+    longest = 0.0
+    reached = ends[0][1]
+    for low, high in ends[1:]:
+        longest = max(longest, float(low - reached))
+        reached = max(reached, high)
+    return longest / (2.0 * min(each.radius for each in bores))
 
 
 def _role_by_shape(number: int, solids: Solids, touched: Contacts) -> tuple[str, str]:

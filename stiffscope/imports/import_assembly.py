@@ -354,7 +354,7 @@ def _model(
         tiny = (
             solid.product.volume < _TINY * total
             and not estimate.is_slender
-            and estimate.compliance < _TINY_SHARE * soft
+            and estimate.wall < _TINY_SHARE * soft
         )
         why = _rigid_reason(number, held, rigid, tiny=tiny)
         loaded = None if why else find_patches(number, solids, held)
@@ -401,7 +401,8 @@ def _model(
     tool_body = ends[tool, last]
     at = solids[tool].centre if tool_body == solids[tool].name else last.at
     motions = tool_motions(found.joints, tool, ground, at, measure_size(solids))
-    if not motions.size:
+    is_frame = not any(joint.kind != "fixed" for joint in found.joints)
+    if not motions.size and not (is_frame and said.tool and parts):
         others = len(solids) - len(found.hardware.roles) - 1
         fixed = (
             f"{solids[ground].name} ({len(moving)} of {others} parts are joined to it)"
@@ -409,12 +410,19 @@ def _model(
         raise InputError(
             f"{show_path(path)}: expected a tool that joints let move, got {solids[tool].name}, which "
             f"they fix to the ground, {fixed}; say --tool, --ground or --joint"
+            + (
+                "; --tool alone imports a frame, which nothing moves"
+                if is_frame
+                else ""
+            )
         )
     name = print_safely(path.stem)
     elastic = {n for n in moving if (n, found.find_joints(n)[0]) in ends}
     bending = [n for n in elastic if ends[n, found.find_joints(n)[0]] != solids[n].name]
     notes = _notes(found, ground, tool, said) + _softest(bending, estimates, solids)
     pose = choose_coordinates(motions)
+    if not pose:
+        notes = (*notes, "nothing moves: a frame, whose one pose is home")
     content = tuple(bodies), tuple(joints), tool_body, at, pose, np.zeros(3), notes
     return SimulatorModel(name, *content), parts, warnings
 
@@ -471,7 +479,7 @@ def _warn_of_rigid(
     solid: Instance, why: str, estimate: Estimate, soft: float
 ) -> list[Doubt]:
     """Return a warning of a part that is rigid by default though it may be soft."""
-    if not estimate.is_slender and estimate.compliance < 0.1 * soft:
+    if not estimate.is_slender and estimate.wall < 0.1 * soft:
         return []
     size = f"as a bar of its size it bends by {1e6 * estimate.compliance:.2g} um/N"
     size += f", {estimate.slenderness:.0f} times as long as thick"

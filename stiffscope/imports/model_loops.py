@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET
 
-from stiffscope.errors import InputError, meant, say_count
+from stiffscope.errors import InputError, say_count, suggest
 from stiffscope.robot.file.tables import list_some
 from stiffscope.runtime.reading import read_text, show_path
 
@@ -153,7 +153,7 @@ def _children(urdf: bytes) -> Mapping[str, str]:
 def _check_known(name: str, known: Sequence[str], place: str, what: str) -> None:
     if name not in known:
         raise InputError(
-            f'{place}: expected {what} of the URDF, got "{name}"{meant(name, known)}'
+            f'{place}: expected {what} of the URDF, got "{name}"{suggest(name, known)}'
         )
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError, meant
+from stiffscope.errors import InputError, suggest
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.copies import SIX
 from stiffscope.robot.file.parse import place_of
@@ -72,7 +72,7 @@ def driven(model: SimulatorModel, drives: Sequence[str]) -> dict[str, str]:
         if not named:
             what = f"a joint that turns or slides ({', '.join(able)})"
             raise InputError(
-                f'{where}: expected {what}, got "{name}"{meant(name, able)}'
+                f'{where}: expected {what}, got "{name}"{suggest(name, able)}'
             )
         try:
             for each in named:

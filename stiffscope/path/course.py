@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require, require_given
 from stiffscope.vjm.kinematics.configurations import configure_chunks
 from stiffscope.vjm.model.mechanism import COORDINATES
 from stiffscope.vjm.model.screws import rotation_of
@@ -87,10 +87,13 @@ def plan_course(
     if job.section.free is None:
         every = known or configure_path(job, assembled, job.path)
         tool = np.concatenate([found.tool for found in every])
-    elif job.path.by_joints:
-        expected = "expected a path of poses, since [free] chooses some"
-        raise InputError(f"{job.path_file.name}:1: {expected}, got drives")
     else:  # the wanted poses before the choice of free coordinates
+        require(
+            not job.path.by_joints,
+            f"{job.path_file.name}:1",
+            "a path of poses, since [free] chooses some",
+            "drives",
+        )
         tool = np.tile([*job.robot.tool.at, 0.0, 0.0, 0.0], (len(job.path), 1))
         tool[:, [COORDINATES.index(name) for name in job.path.columns]] = (
             job.path.values
@@ -174,10 +177,13 @@ def configure_path(
         given = "drives"
         names = [name.removeprefix("q:") for name in path.columns]
         known = [joint.name for joint in mechanism.drives]
-        if sorted(names) != sorted(known):
-            wanted = ", ".join(f"q:{name}" for name in known)
-            expected = f"expected a column of every drive ({wanted})"
-            raise InputError(f"{job.path_file.name}:1: {expected}, got others")
+        wanted = ", ".join(f"q:{name}" for name in known)
+        require(
+            sorted(names) == sorted(known),
+            f"{job.path_file.name}:1",
+            f"a column of every drive ({wanted})",
+            "others",
+        )
         values = values[:, [names.index(name) for name in known]]
     for found in configure_chunks(mechanism, values, BLOCK, given):
         if not found.valid.all():
@@ -192,9 +198,8 @@ def configure_path(
 def find_axes(job: Job, tool: Array) -> Axes:
     """Return the axes of a path through tool poses (n, 6): tangent, normal, binormal, spindle."""
     tangent = _find_tangents(tool[:, :3], job.path.rapid)
-    if tangent is None:
-        expected = "expected a path that moves the tool"
-        raise InputError(f"{job.path_file.name}: {expected}, got one point")
+    moves = "a path that moves the tool"
+    tangent = require_given(tangent, job.path_file.name, moves, "one point")
     axis = np.array(job.section.axis) / np.linalg.norm(job.section.axis)
     blocks = np.array_split(tool[:, 3:], range(BLOCK, len(tool), BLOCK))
     spindle = np.concatenate([rotation_of(block) @ axis for block in blocks])
@@ -273,10 +278,12 @@ def process_wrench(
             force.feed * along_ + force.across * normal + force.axial * spindle
         )
     cutting = None
-    if process.cuts and path.rapid.all():
-        raise InputError(
-            f"{job.path_file.name}: expected a move that cuts (G1 to G3), got rapid moves alone"
-        )
+    require(
+        not (process.cuts and path.rapid.all()),
+        job.path_file.name,
+        "a move that cuts (G1 to G3)",
+        "rapid moves alone",
+    )
     for cut in process.cuts:
         feeds = _feeds(job, cut.feed, length)[acting]
         cutting = cut.forces(float(np.mean(feeds)))
@@ -298,9 +305,6 @@ def _feeds(job: Job, otherwise: float | None, length: Array) -> Array:
         feeds = np.concatenate([speeds, speeds[-1:]])
     feeds[np.isnan(feeds)] = np.nan if otherwise is None else otherwise
     missing = np.isnan(feeds) & ~path.rapid
-    if missing.any():
-        line = path.lines[int(np.argmax(missing))]
-        where = f"{job.path_file.name}:{line}: feed"
-        expected = "a feed of the path or of the cut"
-        raise InputError(f"{where}: expected {expected}, got none")
+    where = f"{job.path_file.name}:{path.lines[int(np.argmax(missing))]}: feed"
+    require(not missing.any(), where, "a feed of the path or of the cut", "none")
     return feeds

@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 from scipy.linalg import solve_banded
 
-from stiffscope.errors import InputError
+from stiffscope.errors import require
 from stiffscope.path.course import Axes, pick_evenly, respond_under, tool_error
 from stiffscope.vjm.kinematics.configurations import configure, learn_configurations
 from stiffscope.vjm.model.mechanism import COORDINATES
@@ -94,11 +94,9 @@ class _Problem:
         pose = [COORDINATES.index(name) for name in self.job.robot.tool.pose]
         home = np.array([*self.job.robot.tool.at, 0.0, 0.0, 0.0])
         moves = np.ptp(course.tool - home, axis=0) > 1e-9
-        missing = [k for k in np.flatnonzero(moves) if k not in pose]
-        if missing:
-            names = ", ".join(COORDINATES[k] for k in missing)
-            expected = f"expected a robot whose pose commands {names} too"
-            raise InputError(f"{self.job.file.name}: free: {expected}")
+        missing = [COORDINATES[k] for k in np.flatnonzero(moves) if k not in pose]
+        what = f"a robot whose pose commands {', '.join(missing)} too"
+        require(not missing, f"{self.job.file.name}: free", what)
         return course.tool[:, pose]
 
     def evaluate(self, values: Array, some: Indices) -> tuple[Array, Array]:
@@ -146,10 +144,7 @@ def choose_free(course: Course, assembled: Assembled) -> Freed:
     job = course.job
     section = course.job.section
     motions = section.free.motions(section.axis) if section.free is not None else ()
-    if not motions:
-        raise InputError(
-            f"{job.file.name}: free: expected spindle, table or slide, got none"
-        )
+    require(motions, f"{job.file.name}: free", "spindle, table or slide", "none")
     problem = _Problem(
         job, assembled, course, motions, partial(configure, assembled.mechanism)
     )
@@ -177,10 +172,12 @@ def choose_free(course: Course, assembled: Assembled) -> Freed:
     every = np.arange(n)
     single = np.tile(values[0], (n, 1))
     before, _ = problem.evaluate(single, every)
-    if not np.isfinite(before).all():
-        line = job.path.lines[int(np.argmin(np.isfinite(before)))]
-        expected = "expected a path that one value of the free coordinates reaches"
-        raise InputError(f"{job.path_file.name}:{line}: {expected}")
+    reached = np.isfinite(before)
+    require(
+        reached.all(),
+        f"{job.path_file.name}:{job.path.lines[int(np.argmin(reached))]}",
+        "a path that one value of the free coordinates reaches",
+    )
     limit = np.where(acting, np.abs(before), np.inf)
     for k in range(len(motions)):
         found = _scan(problem, values, k, stations) if len(motions) > 1 else grids[k]

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.runtime.reading import read_text
 
 if TYPE_CHECKING:
@@ -58,9 +58,7 @@ _POINTS = {
     91.1,
 }  # decimal codes without effect: arc centres are always relative
 _CALLS = {97, 98}  # M codes that call subprograms
-_REFUSED = (
-    "expected G0 to G3, G17 to G21, G90, G91 and others that do not move the tool"
-)
+_SUPPORTED = "G0 to G3, G17 to G21, G90, G91 and others that do not move the tool"
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,9 +112,9 @@ def read_program(path: Path, step: float) -> Program:
                 often = f"one at least every {1e3 * step:g} mm: step"
                 most = f"expected at most {MOST_POINTS:,} points ({often})"
                 raise InputError(f"{path.name}:{number + 1}: {most}, got more")
-    if not rows:
-        expected = "lines that move the tool (G0 to G3 with X, Y or Z)"
-        raise InputError(f"{path.name}: expected {expected}, got none")
+    require(
+        rows, path.name, "lines that move the tool (G0 to G3 with X, Y or Z)", "none"
+    )
     points, rapid, feed, line = map(np.array, zip(*rows, strict=True))
     return Program(
         points=points,
@@ -144,12 +142,10 @@ def _read_line(state: _State, line: str, here: str, step: float) -> Iterator[Arr
     if ("G", 4.0) in ((letter, float(number)) for letter, number in words):
         return  # a dwell: X is a time
     axes = [letter for letter in "XYZ" if letter in values]
-    turned = [letter for letter in "ABCUVW" if values.get(letter)]
-    if turned:
-        word = f"{turned[0]}{values[turned[0]]:g}"
-        raise InputError(
-            f"{here}: {turned[0]}: expected moves in X, Y and Z alone, got {word}"
-        )
+    for letter in "ABCUVW":
+        turned = values.get(letter, 0.0)
+        got = f"{letter}{turned:g}"
+        require(not turned, f"{here}: {letter}", "moves in X, Y and Z alone", got)
     if not axes and not (state.move > 1 and {"I", "J", "K"} & set(values)):
         return
     end = state.at.copy()
@@ -167,41 +163,39 @@ def _read_words(bare: str, here: str) -> list[tuple[str, str]]:
     """Return letters and numbers of a line. Raises InputError for what is ambiguous or no word."""
     words = _WORD.findall(bare)
     rest = _WORD.sub("", bare).strip()
-    if rest:
+    require(not rest, here, "words such as G1 X10.5 F200", f"{rest[:20]!r}")
+    for raised in _EXPONENT.findall(bare)[:1]:
+        where = f"{here}: {raised[0]}"
         raise InputError(
-            f"{here}: expected words such as G1 X10.5 F200, got {rest[:20]!r}"
-        )
-    raised = _EXPONENT.search(bare)
-    if raised:
-        raise InputError(
-            f"{here}: {raised[0][0]}: expected a number without an exponent, got {raised[0]}"
+            f"{where}: expected a number without an exponent, got {raised}"
         )
     known: dict[str, str] = {}
     for letter, number in words:
-        if letter in known and letter not in "GM":
-            got = f"{letter}{known[letter]} and {letter}{number}"
-            raise InputError(
-                f"{here}: {letter}: expected one word of a letter, got {got}"
-            )
+        alone = letter not in known or letter in "GM"
+        got = f"{letter}{known.get(letter)} and {letter}{number}"
+        require(alone, f"{here}: {letter}", "one word of a letter", got)
         known[letter] = number
-    if float(known.get("F", 1.0)) <= 0.0:
-        raise InputError(f"{here}: F: expected a feed above 0, got F{known['F']}")
+    feed = known.get("F", "1")
+    require(float(feed) > 0.0, f"{here}: F", "a feed above 0", f"F{feed}")
     return words
 
 
 def _set_mode(state: _State, letter: str, code: float, here: str) -> None:
     """Set a mode by its G code; raise InputError for unsupported motion and subprogram calls."""
     known = int(code)
-    if letter == "M" and code in _CALLS:
-        expected = "expected a program without calls of others"
-        raise InputError(f"{here}: M{code:g}: {expected}, got one")
+    require(
+        not (letter == "M" and code in _CALLS),
+        f"{here}: M{code:g}",
+        "a program without calls of others",
+        "one",
+    )
     if letter != "G":
         return
-    if known not in _KNOWN or (code != known and code not in _POINTS):
-        raise InputError(f"{here}: G{code:g}: {_REFUSED}, got G{code:g}")
-    if known in {28, 30, 53}:
-        axes = "expected moves in the program's own axes, got one in the machine's"
-        raise InputError(f"{here}: G{code:g}: {axes}")
+    where = f"{here}: G{code:g}"
+    supported = known in _KNOWN and (code == known or code in _POINTS)
+    require(supported, where, _SUPPORTED, f"G{code:g}")
+    own = "moves in the program's own axes"
+    require(known not in {28, 30, 53}, where, own, "one in the machine's")
     if known in _MOVES:
         state.move = known
     elif known in _PLANES:
@@ -236,10 +230,12 @@ def _arc(
     two = end[[a, b]] - centre
     radius = float(np.linalg.norm(one))
     other = float(np.linalg.norm(two))
-    if radius < 1e-9 or abs(radius - other) > max(1e-5, 2e-3 * radius):
-        got = f"{1e3 * radius:g} mm and {1e3 * other:g} mm"
-        expected = "expected an arc whose ends are as far from its centre"
-        raise InputError(f"{here}: {expected}, got {got}")
+    require(
+        radius >= 1e-9 and abs(radius - other) <= max(1e-5, 2e-3 * radius),
+        here,
+        "an arc whose ends are as far from its centre",
+        f"{1e3 * radius:g} mm and {1e3 * other:g} mm",
+    )
     begin = np.arctan2(one[1], one[0])
     turn = sense * float(
         np.mod(sense * (np.arctan2(two[1], two[0]) - begin), 2.0 * np.pi)
@@ -262,9 +258,12 @@ def _centre_of(one: Array, two: Array, radius: float, sense: float, here: str) -
     """Return the centre (2,) of an arc from its radius; if negative, of the longer arc."""
     chord = two - one
     half = 0.5 * float(np.linalg.norm(chord))
-    if not 0.0 < half <= abs(radius) * (1.0 + 1e-6):
-        least = f"a radius of at least half of the chord, {1e3 * half:g} mm"
-        raise InputError(f"{here}: R: expected {least}, got {1e3 * radius:g} mm")
+    require(
+        0.0 < half <= abs(radius) * (1.0 + 1e-6),
+        f"{here}: R",
+        f"a radius of at least half of the chord, {1e3 * half:g} mm",
+        f"{1e3 * radius:g} mm",
+    )
     rise = np.sqrt(max(radius**2 - half**2, 0.0)) * np.sign(radius) * sense
     return 0.5 * (one + two) + rise * np.array([-chord[1], chord[0]]) / (2.0 * half)
 

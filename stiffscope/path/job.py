@@ -11,6 +11,7 @@ from pydantic import Field, create_model
 from scipy.spatial.transform import Rotation
 
 from stiffscope.cad.materials import MATERIALS
+from stiffscope.errors import require, require_given
 from stiffscope.path.cutting import (
     cutting_materials,
     drill,
@@ -34,7 +35,7 @@ from stiffscope.path.values import (
 from stiffscope.registry import sections_of
 from stiffscope.robot.file import values as v
 from stiffscope.robot.file.description import RobotFile
-from stiffscope.robot.file.parse import FieldError, Source, blame, parse_text
+from stiffscope.robot.file.parse import Source, naming_key, parse_text
 from stiffscope.robot.file.tables import one_of, read_table
 from stiffscope.robot.file.values import (
     Direction,
@@ -66,6 +67,8 @@ class ForceSection(Section):
 class _Cut(Section):
     """Common keys of all cuts: a material by name, or kc1 and mc."""
 
+    excludes = {"material": ("kc1", "mc")}  # noqa: RUF012 (not a field)
+
     material: Cut | None = None
     kc1: Stress | None = None
     mc: Share | None = None
@@ -75,31 +78,34 @@ class _Cut(Section):
 
     def law(self) -> tuple[float, float]:
         """Return specific cutting force, Pa, and exponent. Raise ValueError if inconsistent."""
-        own = [name for name in ("kc1", "mc") if getattr(self, name) is not None]
-        if self.material is not None and own:
-            got = f"a material and {' and '.join(own)}"
-            raise ValueError(
-                f"cut.{own[0]}: expected a material, or kc1 and mc, got {got}"
-            )
         edge = np.pi * self.diameter * self.speed
-        if edge > FASTEST:
-            raise ValueError(
-                f"expected pi * diameter * speed of at most {FASTEST:g} m/s, got {edge:.4g} m/s"
-            )
+        require(
+            edge <= FASTEST,
+            "",
+            f"pi * diameter * speed of at most {FASTEST:g} m/s",
+            f"{edge:.4g} m/s",
+        )
         if self.kc1 is not None and self.mc is not None:
-            if self.mc >= MOST_EXPONENT:
-                raise ValueError(
-                    f"cut.mc: expected less than {MOST_EXPONENT:g}, got {self.mc:g}"
-                )
+            require(
+                self.mc < MOST_EXPONENT,
+                "cut.mc",
+                f"less than {MOST_EXPONENT:g}",
+                f"{self.mc:g}",
+            )
             return self.kc1, self.mc
-        if self.material is None:
-            got = own[0] if own else "neither"
-            raise ValueError(f"expected a material, or kc1 and mc, got {got}")
-        return cutting_materials()[self.material]
+        own = "kc1" if self.kc1 else "mc" if self.mc else "neither"
+        material = require_given(self.material, "", "a material, or kc1 and mc", own)
+        return cutting_materials()[material]
 
 
 class _EdgeCut(_Cut):
     """Common keys of cuts by an edge: ``kt`` instead of a material, and ratios of forces."""
+
+    excludes = {  # noqa: RUF012 (not a field)
+        **_Cut.excludes,
+        "kt": ("material", "kc1", "mc"),
+        "kr": ("radial",),
+    }
 
     kt: Annotated[
         Stress | None,
@@ -112,12 +118,7 @@ class _EdgeCut(_Cut):
 
     def law(self) -> tuple[float, float]:
         """Return specific cutting force, Pa, and exponent; ``kt`` does not depend on the chip."""
-        if self.kt is None:
-            return super().law()
-        own = [name for name in ("material", "kc1", "mc") if getattr(self, name)]
-        if own:
-            raise ValueError(f"cut.kt: expected kt or {own[0]}, got both")
-        return self.kt, 0.0
+        return super().law() if self.kt is None else (self.kt, 0.0)
 
     def specific_force(self, chip: float) -> float:
         """Return the specific cutting force, Pa, at a chip thickness, m."""
@@ -125,12 +126,8 @@ class _EdgeCut(_Cut):
 
     @property
     def radial_ratio(self) -> float:
-        """Radial over tangential force. Raise ValueError if it is given twice."""
-        if self.kr is None:
-            return self.radial
-        if "radial" in self.model_fields_set:
-            raise ValueError("cut.kr: expected kr or radial, got both")
-        return self.kr
+        """Radial over tangential force."""
+        return self.radial if self.kr is None else self.kr
 
     @property
     def geometry(self) -> dict[str, Any]:
@@ -149,8 +146,7 @@ class MillingSection(_EdgeCut):
 
     def forces(self, feed: float) -> CuttingForces:
         """Return the mean forces at a feed in m/s."""
-        if self.width > self.diameter:
-            raise ValueError("cut.width: expected at most the diameter")
+        require(self.width <= self.diameter, "cut.width", "at most the diameter")
         ratio = self.radial_ratio
         return mill(*self.law(), feed=feed, radial=ratio, **self.geometry)
 
@@ -172,8 +168,11 @@ class TurningSection(_EdgeCut):
 
     def forces(self, feed: float) -> CuttingForces:
         """Return the forces at a feed in m/s."""
-        if self.depth > 0.5 * self.diameter:
-            raise ValueError("cut.depth: expected at most half the diameter")
+        require(
+            self.depth <= 0.5 * self.diameter,
+            "cut.depth",
+            "at most half the diameter",
+        )
         own = self.geometry
         del own["towards"]
         ratio = self.radial_ratio
@@ -405,19 +404,19 @@ def load_job(path: str | Path, instead: str | Path | RobotFile | None = None) ->
         top = read_table(WholeJob, written, ())
         for name in ("milling", "turning", "drilling"):
             cut = getattr(top.process, name)
-            with blame("process", name, inner=True):
+            with naming_key("process", name, inner=True):
                 _ = cut and cut.forces(1e-3)
         if isinstance(instead, RobotFile):
             robot = instead
         elif instead is None:
             robot = load_robot_of(path, top.robot, top.set)
             for name in top.yield_strength:
-                with blame("yield_strength", name):
+                with naming_key("yield_strength", name):
                     one_of(name, MATERIALS | dict(robot.materials), "a material")
         else:
             robot = load_robot(instead, top.set)
         file = path.parent / top.path
-        with blame("path"):
+        with naming_key("path"):
             reading.open_file(file, "a table in CSV or a program in G-code").close()
         found = read_toolpath(
             file, robot, top.units, step=top.step, at=top.at, axes=_axes(top)
@@ -425,11 +424,11 @@ def load_job(path: str | Path, instead: str | Path | RobotFile | None = None) ->
         given = top.model_fields_set & (
             set() if found.program else {"step", "at", "x", "y"}
         )
-        if given:
-            raise FieldError(
-                (min(given),),
-                f"expected none beside a table ({file.name}), whose poses are in base axes",
-            )
+        require(
+            not given,
+            tuple(sorted(given)[:1]),
+            f"none beside a table ({file.name}), whose poses are in base axes",
+        )
     return Job(path, file, top, robot, found)
 
 
@@ -439,7 +438,6 @@ def _axes(top: JobSection) -> np.ndarray:
     y = np.array(top.y)
     x = x / np.linalg.norm(x)
     y = y - x * (x @ y)
-    if np.linalg.norm(y) < 1e-9:
-        raise FieldError(("y",), "expected a direction across x, got one along it")
+    require(np.linalg.norm(y) >= 1e-9, ("y",), "a direction across x", "one along it")
     y = y / np.linalg.norm(y)
     return np.column_stack((x, y, np.cross(x, y)))

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import FieldError, require
 from stiffscope.path.gcode import (
     MOST_POINTS,
     Program,
@@ -15,7 +15,7 @@ from stiffscope.path.gcode import (
     read_program,
 )
 from stiffscope.robot.file import quantities as q
-from stiffscope.robot.file.parse import FieldError, blame
+from stiffscope.robot.file.parse import naming_key
 from stiffscope.robot.file.tables import one_of
 from stiffscope.runtime.formats import TABLE_FORMATS
 from stiffscope.runtime.table import (
@@ -146,9 +146,12 @@ def read_toolpath(
         A unit is invalid.
     """
     if path.suffix.lower() in PROGRAMS:
-        if units:
-            message = "expected none beside a program, which states its own (G20, G21), got some"
-            raise FieldError(("units",), message)
+        require(
+            not units,
+            ("units",),
+            "none beside a program, which states its own (G20, G21)",
+            "some",
+        )
         return _of_program(path, robot, step, np.array(at, dtype=float), axes)
     pose = tuple(robot.tool.pose)
 
@@ -158,15 +161,18 @@ def read_toolpath(
         check_columns(
             name, header, place, dict.fromkeys((*place, *WRENCH, "feed", "t"))
         )
-        if {"feed", "t"} <= set(header):
-            expected = "a column feed or a column t, from which the feed follows"
-            raise InputError(f"{name}:1: expected {expected}, got both")
+        require(
+            len({"feed", "t"} & set(header)) < 2,
+            f"{name}:1",
+            "a column feed or a column t, from which the feed follows",
+            "both",
+        )
 
     table = _read_plain(path, check) or read_table(path, check, most=MOST_POINTS)
     check_marks(table, table.columns)
     columns = tuple(name for name in table.columns if name.startswith(JOINT)) or pose
     for column in sorted(units.keys() - {*columns, *WRENCH, "feed", "t"}):
-        with blame("units", column):
+        with naming_key("units", column):
             one_of(column, table.columns, f"a column of {path.name}")
     factors = {name: _factor(name, units.get(name), robot) for name in table.columns}
     found = {name: numbers(table, name) * factor for name, factor in factors.items()}
@@ -259,13 +265,13 @@ def _of_program(
     values = places[:, [COORDINATES.index(name) for name in pose]]
     for k, name in enumerate(COORDINATES[:3]):
         moved = np.abs(world[:, k] - home[name]) > 1e-9
-        if name not in pose and moved.any():
-            row = int(np.argmax(moved))
-            expected = f"points that the robot reaches, whose {name} is {1e3 * home[name]:g} mm"
-            got = f"{1e3 * world[row, k]:g} mm (at, x and y place the program)"
-            raise InputError(
-                f"{path.name}:{program.line[row] + 1}: expected {expected}, got {got}"
-            )
+        row = int(np.argmax(moved))
+        require(
+            name in pose or not moved.any(),
+            f"{path.name}:{program.line[row] + 1}",
+            f"points that the robot reaches, whose {name} is {1e3 * home[name]:g} mm",
+            f"{1e3 * world[row, k]:g} mm (at, x and y place the program)",
+        )
     feed = program.feed if np.isfinite(program.feed[~program.rapid]).any() else None
     lines = (program.line + 1).tolist()
     factors = {str(name): 1.0 for name in pose}

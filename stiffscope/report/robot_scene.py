@@ -127,14 +127,17 @@ def scene_of(assembled: Assembled) -> dict[str, Any]:
 
 
 def pose_text(mechanism: Mechanism, pose: Sequence[float]) -> str:
-    """Commanded coordinates in mm and degrees; rotations of zero are left out beside others."""
+    """Commanded coordinates in mm and degrees; rotations of zero are left out beside others.
+
+    A frame that nothing moves has "its one pose".
+    """
     shown = []
     still = []
     for name, value in zip(mechanism.tool.pose, pose, strict=True):
         factor, unit = shown_unit(name)
         text = f"{name} = {factor * value:.{4 if unit == 'deg' else 5}g} {unit}"
         (shown if value or unit != "deg" else still).append(text)
-    return ", ".join(shown or still)
+    return ", ".join(shown or still) or "its one pose"
 
 
 def _body(

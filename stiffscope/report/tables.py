@@ -169,6 +169,22 @@ def _diagonal_and_couplings(matrix: np.ndarray) -> list[float]:
     return [*np.diag(matrix), matrix[0, 4], matrix[1, 3]]
 
 
+MOST_YIELDING = 8  # components listed
+
+
+def show_yielding(names: Sequence[str], shares: Mapping[str, Any]) -> None:
+    """Show what yields most under a push at M: shares (n,) by component, the largest first."""
+    order = sorted(shares.items(), key=lambda item: -float(np.max(item[1])))
+    listed = order[:MOST_YIELDING]
+    rows = [(part, *(f"{100 * v:z.1f}" for v in share)) for part, share in listed]
+    if len(order) > len(listed):
+        rest = np.sum([share for _, share in order[MOST_YIELDING:]], axis=0)
+        others = f"{len(order) - len(listed)} others"
+        rows.append((others, *(f"{100 * v:z.1f}" for v in rest)))
+    groups = (("component",), *((name,) for name in names))
+    show_table("What yields most under pushes along x, y and z at M, %", groups, rows)
+
+
 def show_deflection(
     names: Sequence[str],
     twist: Any,

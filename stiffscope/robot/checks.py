@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.cad.checks import mm
-from stiffscope.errors import InputError
+from stiffscope.errors import FieldError, InputError, require, require_given
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.copies import tensor
 from stiffscope.robot.file.description import ENDS, GROUND, HOME
-from stiffscope.robot.file.parse import FieldError, blame, split_place
+from stiffscope.robot.file.parse import naming_key, split_place
 from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.file.sections import Bearing, ElasticBody, RigidBody
 from stiffscope.robot.file.tables import one_of
@@ -22,8 +22,8 @@ from stiffscope.robot.mechanism_of import rigid_mechanism, written_axes
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from stiffscope.errors import Key
     from stiffscope.robot.file.description import RobotFile
-    from stiffscope.robot.file.positions import Key
 
 SAME_LENGTH = 1e-4  # relative tolerance; coordinates are often rounded to 0.01 mm
 _ROUNDED = 1e-9  # relative tolerance of moments of inertia
@@ -41,8 +41,7 @@ def check_robot(robot: RobotFile) -> RobotFile:
     FieldError
         At the first error across the sections of the file.
     """
-    if not robot.bodies:
-        raise FieldError(("bodies",), "expected at least one body, got none")
+    require(robot.bodies, ("bodies",), "at least one body", "none")
     for name in robot.parts:
         _check_part(robot, name)
     for name in robot.poses:
@@ -73,83 +72,100 @@ def check_robot(robot: RobotFile) -> RobotFile:
 def _check_part(robot: RobotFile, name: str) -> None:
     key = ("parts", name)
     _check_file_name(key, name)
-    with blame(*key, "material", inner=True):  # "material: expected one of …"
+    with naming_key(*key, "material", inner=True):  # "material: expected one of …"
         robot.material(name)
 
 
 def _check_file_name(key: Key, name: str) -> None:
-    if name in {"", ".", ".."} or not _FILE_NAME.fullmatch(name):
-        raise FieldError(
-            key, q.expected("a name that a file of results can have", name)
-        )
+    require(
+        name not in {"", ".", ".."} and _FILE_NAME.fullmatch(name),
+        key,
+        "a name that a file of results can have",
+        q.show_value(name),
+    )
 
 
 def _check_elastic(robot: RobotFile, name: str, body: ElasticBody) -> None:
     key = ("bodies", name)
-    with blame(*key, "part"):
+    with naming_key(*key, "part"):
         one_of(body.part, robot.parts, "a part")
     part = robot.parts[body.part]
     along = np.subtract(body.tip, body.base)
     size = body.length
-    if size < 1e-9:
-        got = f"the same, {list(body.tip)} m"
-        raise FieldError(
-            (*key, "tip"), f"expected a point away from the base, got {got}"
-        )
+    require(
+        size >= 1e-9,
+        (*key, "tip"),
+        "a point away from the base",
+        f"the same, {list(body.tip)} m",
+    )
     length = part.span
-    if length is not None and abs(length - size) > SAME_LENGTH * length:
-        what = f"a tip {mm(length)} from the base, as part {body.part} is long, to {SAME_LENGTH:.2%}"
-        raise FieldError((*key, "tip"), f"expected {what}, got {mm(size)}")
-    if body.y is None:
-        if not (isinstance(part, ParametricPart) and part.made.is_round):
-            what = f"a direction across a {part.shape} part, such as [0, 1, 0]"
-            raise FieldError((*key, "y"), f"expected {what}, got nothing")
-    elif np.linalg.norm(np.cross(along / size, body.y)) < _PARALLEL * np.linalg.norm(
-        body.y
-    ):
-        what = "a direction across the line from base to tip"
-        raise FieldError(
-            (*key, "y"), f"expected {what}, got one along it, {list(body.y)}"
+    if length is not None:
+        require(
+            abs(length - size) <= SAME_LENGTH * length,
+            (*key, "tip"),
+            f"a tip {mm(length)} from the base, as part {body.part} is long, to {SAME_LENGTH:.2%}",
+            mm(size),
         )
+    if body.y is None:
+        require(
+            isinstance(part, ParametricPart) and part.made.is_round,
+            (*key, "y"),
+            f"a direction across a {part.shape} part, such as [0, 1, 0]",
+            "nothing",
+        )
+        return
+    across = np.linalg.norm(np.cross(along / size, body.y)) / np.linalg.norm(body.y)
+    require(
+        across >= _PARALLEL,
+        (*key, "y"),
+        "a direction across the line from base to tip",
+        f"one along it, {list(body.y)}",
+    )
 
 
 def _check_rigid(robot: RobotFile, name: str, body: RigidBody) -> None:
     key = ("bodies", name)
     owner, _, end = name.rpartition(".")
-    if end in robot.ends(owner):
-        got = f'"{name}", which is an end of the elastic body "{owner}"'
-        raise FieldError(key, f"expected another name, got {got}")
+    require(
+        end not in robot.ends(owner),
+        key,
+        "another name",
+        f'"{name}", which is an end of the elastic body "{owner}"',
+    )
     if body.mesh is not None:
         file = robot.path.parent / body.mesh
-        if file.suffix.lower() not in MESHES:
-            what = f"a file for pictures ({', '.join(MESHES)})"
-            raise FieldError((*key, "mesh"), q.expected(what, body.mesh))
-        if not file.is_file():
-            raise FieldError(
-                (*key, "mesh"), f"expected a file for pictures, got none at {file}"
-            )
-    if body.mass and body.centre is None:
+        require(
+            file.suffix.lower() in MESHES,
+            (*key, "mesh"),
+            f"a file for pictures ({', '.join(MESHES)})",
+            q.show_value(body.mesh),
+        )
+        require(
+            file.is_file(), (*key, "mesh"), "a file for pictures", f"none at {file}"
+        )
+    if body.mass:
         what = f"a point where the mass of {body.mass:g} kg acts"
-        raise FieldError((*key, "centre"), f"expected {what}, got nothing")
+        require_given(body.centre, (*key, "centre"), what)
     if body.inertia is not None:
-        if not body.mass:
-            raise FieldError(
-                (*key, "mass"), "expected a mass above 0 kg beside an inertia, got 0"
-            )
-        with blame(*key, "inertia"):
+        require(body.mass, (*key, "mass"), "a mass above 0 kg beside an inertia", "0")
+        with naming_key(*key, "inertia"):
             _check_inertia(body.inertia)
 
 
 def _check_inertia(inertia: tuple[float, ...]) -> None:
     least, middle, most = map(float, np.linalg.eigvalsh(tensor(inertia)))
-    if least < -_ROUNDED * max(map(abs, inertia)):
-        raise ValueError(
-            f"expected no negative principal moment, got {least:.6g} kg·m²"
-        )
-    if most > (least + middle) * (1.0 + 1e-3):  # tolerates rounded numbers
-        got = f"{least:.6g}, {middle:.6g}, {most:.6g} kg·m²"
-        what = "principal moments of which none exceeds the sum of the others"
-        raise ValueError(f"expected {what}, got {got}")
+    require(
+        least >= -_ROUNDED * max(map(abs, inertia)),
+        "",
+        "no negative principal moment",
+        f"{least:.6g} kg·m²",
+    )
+    require(
+        most <= (least + middle) * (1.0 + 1e-3),  # tolerates rounded numbers
+        "",
+        "principal moments of which none exceeds the sum of the others",
+        f"{least:.6g}, {middle:.6g}, {most:.6g} kg·m²",
+    )
 
 
 def _check_joint(robot: RobotFile, name: str, known: Mapping[str, str]) -> None:
@@ -158,10 +174,12 @@ def _check_joint(robot: RobotFile, name: str, known: Mapping[str, str]) -> None:
     for number, each in enumerate(joint.between):
         _check_node((*key, "between", number), each, known, robot)
     first, second = joint.between
-    if known[first] == known[second]:
-        raise FieldError(
-            (*key, "between"), f"expected two bodies, got {first} and {second}"
-        )
+    require(
+        known[first] != known[second],
+        (*key, "between"),
+        "two bodies",
+        f"{first} and {second}",
+    )
     axis = getattr(joint, "axis", None)
     axis2 = getattr(joint, "axis2", None)
     if axis is not None and axis2 is not None:
@@ -170,9 +188,12 @@ def _check_joint(robot: RobotFile, name: str, known: Mapping[str, str]) -> None:
             / np.linalg.norm(axis)
             / np.linalg.norm(axis2)
         )
-        if sine < _PARALLEL:
-            message = f"expected a direction other than axis, got {list(axis2)}"
-            raise FieldError((*key, "axis2"), message)
+        require(
+            sine >= _PARALLEL,
+            (*key, "axis2"),
+            "a direction other than axis",
+            list(axis2),
+        )
     _check_bearing(robot, name)
 
 
@@ -181,10 +202,13 @@ def _check_bearing(robot: RobotFile, name: str) -> None:
     joint = robot.joints[name]
     key = ("joints", name)
     if joint.bearing is not None:
-        if joint.compliance is not None:
-            message = "expected none beside a bearing, whose data give it, got one"
-            raise FieldError((*key, "compliance"), message)
-        with blame(*key, "bearing", inner=True):
+        require(
+            joint.compliance is None,
+            (*key, "compliance"),
+            "none beside a bearing, whose data give it",
+            "one",
+        )
+        with naming_key(*key, "bearing", inner=True):
             joint.yielding(written_axes(robot, name))
     if getattr(joint, "drive", None) is None or joint.compliance is None:
         return
@@ -195,10 +219,12 @@ def _check_bearing(robot: RobotFile, name: str) -> None:
         if isinstance(given, Bearing)
         else given[along]
     )
-    if free:
-        inner = "axial" if isinstance(given, Bearing) else along
-        what = "0 along what the drive moves, which has the drive's stiffness"
-        raise FieldError((*key, "compliance", inner), f"expected {what}, got {free:g}")
+    require(
+        not free,
+        (*key, "compliance", "axial" if isinstance(given, Bearing) else along),
+        "0 along what the drive moves, which has the drive's stiffness",
+        f"{free:g}",
+    )
 
 
 def _check_node(
@@ -207,17 +233,15 @@ def _check_node(
     """Raise FieldError unless a name is a rigid body or an end of an elastic one."""
     if name in known:
         return
-    ends = robot.ends(name)
-    if ends:
-        listed = " or ".join(f'"{name}.{end}"' for end in ends)
-        raise FieldError(
-            key, f'expected an end of the elastic body, {listed}, got "{name}"'
-        )
+    listed = " or ".join(f'"{name}.{end}"' for end in robot.ends(name))
+    require(not listed, key, f"an end of the elastic body, {listed}", f'"{name}"')
     for end in ENDS:
         body = name.removesuffix(f".{end}")
-        if body != name and isinstance(robot.bodies.get(body), RigidBody):
-            raise FieldError(
-                key, q.expected(f'"{body}", which is rigid and has no ends', name)
-            )
-    with blame(*key):
+        require(
+            body == name or not isinstance(robot.bodies.get(body), RigidBody),
+            key,
+            f'"{body}", which is rigid and has no ends',
+            f'"{name}"',
+        )
+    with naming_key(*key):
         one_of(name, known, "a body or an end of one")

@@ -8,7 +8,7 @@ from itertools import islice
 from pathlib import Path
 
 from stiffscope.data import FOLDER
-from stiffscope.errors import InputError, meant
+from stiffscope.errors import InputError, suggest
 from stiffscope.runtime import reading
 from stiffscope.runtime.output import write_new
 
@@ -41,7 +41,7 @@ def find_robot(name_or_path: str | Path) -> Path:
     except InputError as error:
         with contextlib.suppress(OSError, ValueError):
             names += [str(each) for each in islice(path.parent.glob("*.toml"), 1000)]
-        raise InputError(f"{error}{meant(str(name_or_path)[:100], names)}") from error
+        raise InputError(f"{error}{suggest(str(name_or_path)[:100], names)}") from error
     return path
 
 

@@ -19,9 +19,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from stiffscope.cad.materials import AnyMaterial
+    from stiffscope.errors import Key
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.file.part_sections import PartSection
-    from stiffscope.robot.file.positions import Key
     from stiffscope.robot.file.sections import JointSection
     from stiffscope.robot.part_matrices import Components
 

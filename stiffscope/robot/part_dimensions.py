@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import require
 from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.part_matrices import beam_compliance
 
@@ -175,13 +175,11 @@ def _interpolate_near(
     legal: tuple[float, float],
     value: float,
 ) -> Array:
-    if not (value - limit) * (values[0] - limit) > 0.0:
-        side = f"to the other side of {limit:g}, where nothing is left"
-        raise InputError(f"expected a value {side}, got {value:g}")
-    if not legal[0] < value < legal[1]:
-        raise InputError(
-            f"expected a value between {legal[0]:g} and {legal[1]:g}, got {value:g}"
-        )
+    side = f"a value to the other side of {limit:g}, where nothing is left"
+    require((value - limit) * (values[0] - limit) > 0.0, "", side, f"{value:g}")
+    low, high = legal
+    between = f"a value between {low:g} and {high:g}"
+    require(low < value < high, "", between, f"{value:g}")
     return _polynomial(
         np.log(np.abs(values - limit)), matrices, float(np.log(abs(value - limit)))
     )

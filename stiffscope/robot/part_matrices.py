@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol, get_args
 import numpy as np
 
 from stiffscope.data import FOLDER
-from stiffscope.errors import InputError, check_kind
+from stiffscope.errors import check_kind, require
 from stiffscope.fea.beam import euler_bernoulli, timoshenko
 from stiffscope.robot.beam_dynamics import beam_dynamics
 from stiffscope.robot.file.description import RobotFile
@@ -114,24 +114,27 @@ def part_sources(
     Raises InputError if `components` has an invalid part, source or matrix.
     """
     check_kind("robot", robot, RobotFile, "load_robot")
-    if not isinstance(components, Mapping | str | None):
-        raise InputError(
-            f"components: expected a source, or by part a source or a matrix, got {components!r}"
-        )
+    require(
+        isinstance(components, Mapping | str | None),
+        "components",
+        "a source, or by part a source or a matrix",
+        repr(components),
+    )
     used = used_parts(robot)
     given = components if isinstance(components, Mapping) else {}
     word = components if isinstance(components, str) else None
     for name in given:
-        if name not in used:
-            raise InputError(
-                f"components: expected parts among {', '.join(used)}, got {name!r}"
-            )
+        require(
+            name in used, "components", f"parts among {', '.join(used)}", f"{name!r}"
+        )
     known = get_args(Source)
     for each in (word, *given.values()):
-        if isinstance(each, str) and each not in known:
-            raise InputError(
-                f"components: expected {', '.join(known)} or a matrix, got {each!r}"
-            )
+        require(
+            not isinstance(each, str) or each in known,
+            "components",
+            f"{', '.join(known)} or a matrix",
+            repr(each),
+        )
     sources: dict[str, str | np.ndarray] = {}
     for name in used:
         part = robot.parts[name]
@@ -140,11 +143,15 @@ def part_sources(
             sources[name] = check_compliance(
                 own, f"components: {name}", semidefinite=True
             )
-        elif not own or own in part.sources:
-            sources[name] = source_of(part, own or word)
         else:
-            what = f"{' or '.join([*part.sources, 'a matrix'])} for {name}, a {part.shape} part"
-            raise InputError(f"components: expected {what}, got {own!r}")
+            valid = " or ".join([*part.sources, "a matrix"])
+            require(
+                not own or own in part.sources,
+                "components",
+                f"{valid} for {name}, a {part.shape} part",
+                repr(own),
+            )
+            sources[name] = source_of(part, own or word)
     return sources
 
 
@@ -341,9 +348,12 @@ def _is_same(own: float | int | str | None, wanted: float | int | str) -> bool:
 def published_matrix(name: str) -> np.ndarray:
     """Return the 6x6 of `data/published/<name>.toml`, SI: its numbers times its `unit`."""
     content = read_published(name)
-    if "compliance" not in content:
-        file = f"data/published/{name}.toml"
-        raise InputError(f"{file}: expected a table with a 6x6 `compliance`, got none")
+    require(
+        "compliance" in content,
+        f"data/published/{name}.toml",
+        "a table with a 6x6 `compliance`",
+        "none",
+    )
     return np.array(content["compliance"], dtype=float) * content["unit"]
 
 
@@ -351,10 +361,7 @@ def read_published(name: str) -> dict[str, Any]:
     """Return the content of `data/published/<name>.toml`; raise InputError if it does not exist."""
     path = FOLDER / "published" / f"{name}.toml"
     known = sorted(each.stem for each in path.parent.glob("*.toml"))
-    if name not in known:
-        raise InputError(
-            f"data/published: expected one of {', '.join(known)}, got {name!r}"
-        )
+    require(name in known, "data/published", f"one of {', '.join(known)}", f"{name!r}")
     return tomllib.loads(path.read_text(encoding="utf-8"))
 
 

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import copy
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from stiffscope.errors import InputError
+from stiffscope.errors import FieldError, InputError, require
 from stiffscope.robot.checks import check_robot
 from stiffscope.robot.file.copies import make_copies
 from stiffscope.robot.file.evaluate import evaluate, evaluate_value
 from stiffscope.robot.file.override import apply_overrides, assign, check_unit
-from stiffscope.robot.file.parse import FieldError, Source, parse_text
-from stiffscope.robot.file.validate import check_top, read_pose, validate
+from stiffscope.robot.file.parse import Source, parse_text
+from stiffscope.robot.file.validate import check_top, validate
 from stiffscope.robot.library import find_robot, robot_names
 from stiffscope.runtime import reading
 
@@ -109,10 +109,12 @@ def read_robot(
     tolerance
         Relative accuracy of the experiments, such as "1 %"; by default as in the file.
     """
-    if isinstance(overrides, str):
-        raise InputError(
-            f'overrides: expected a list such as ["slider.thickness=25mm"], got "{overrides}"'
-        )
+    require(
+        not isinstance(overrides, str),
+        "overrides",
+        'a list such as ["slider.thickness=25mm"]',
+        f'"{overrides}"',
+    )
     data = parse_text(path, text)
     source = Source(path, text, tuple(overrides))
     with source.refusing():
@@ -129,11 +131,3 @@ def read_robot(
             value = evaluate_value(override.value, values, override.key)
             assign(data, override.key, value, override.text)
         return check_robot(validate(data, source, values, tolerances, copied))
-
-
-def pose_of(robot: RobotFile, numbers: Sequence[Any]) -> tuple[float, ...]:
-    """Return a pose from numbers or texts with units, as in `--at`; raise InputError if invalid."""
-    try:
-        return read_pose(list(numbers), robot.tool, ("at",))
-    except FieldError as error:
-        raise InputError(f"--at: {error}") from error

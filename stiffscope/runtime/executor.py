@@ -8,6 +8,7 @@ shared by its processes. Dask's local workers take seconds to start.
 from __future__ import annotations
 
 import contextlib
+import copyreg
 import functools
 import itertools
 import logging
@@ -27,15 +28,15 @@ from concurrent.futures import (
     wait,
 )
 from pathlib import Path
+from types import MappingProxyType
 from typing import IO, TYPE_CHECKING, Any
 
-import cloudpickle  # can pickle read-only mappings
 import psutil
 
 from stiffscope.errors import StiffscopeError
 from stiffscope.runtime.output import scratch_folder
 from stiffscope.runtime.processors import processors
-from stiffscope.runtime.signals import STOPS, block, deaf_to
+from stiffscope.runtime.signals import STOPS, block, defer_signals
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -203,7 +204,7 @@ class Processes(Executor):
 
     def __exit__(self, kind: Any, *_: object) -> None:
         """Finish the remaining jobs; after an exception, end at once."""
-        with deaf_to(*STOPS):
+        with defer_signals(*STOPS):
             if kind is not None:
                 self.end()
             self.shutdown()
@@ -365,11 +366,19 @@ def take_answer(name: Any, kind: str, content: Any) -> Any:
     raise WorkerError(f"{name}: {content.strip().splitlines()[-1]}", output=content)
 
 
+def _freeze(content: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+    return MappingProxyType(content)
+
+
+# read-only mappings, which robots hold, have no form of their own to be pickled in
+copyreg.pickle(MappingProxyType, lambda mapping: (_freeze, (dict(mapping),)))
+
+
 class Shared:
     """A large argument of many jobs: pickled once, and unpickled once in each process."""
 
     def __init__(self, value: Any) -> None:
-        self._content = cloudpickle.dumps(value)
+        self._content = pickle.dumps(value)
 
     @property
     def value(self) -> Any:

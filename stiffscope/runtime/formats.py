@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -10,13 +11,13 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
     from pathlib import Path
 
+    import pandas as pd
     import xarray as xr
 
     Columns = Mapping[str, Any]
 
 
 def _write_csv(columns: Columns, path: Path, digits: int | None) -> None:
-    import pandas as pd
     import pyarrow as pa
     import pyarrow.csv
 
@@ -24,17 +25,34 @@ def _write_csv(columns: Columns, path: Path, digits: int | None) -> None:
     if numbers and digits is None:  # quick on long paths
         pyarrow.csv.write_csv(pa.table(dict(columns)), path)
         return
-    form: dict[str, Any] = {}
-    if digits is not None:
-        form = {"float_format": f"%.{digits}g", "na_rep": "nan"}
-    pd.DataFrame(columns).to_csv(path, index=False, lineterminator="\n", **form)
+
+    def show(value: Any) -> Any:
+        if not isinstance(value, float):
+            return value
+        if digits is None:
+            return "" if np.isnan(value) else value
+        return f"{value:.{digits}g}"
+
+    listed = [np.asarray(each).tolist() for each in columns.values()]
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(columns)
+        writer.writerows(map(show, row) for row in zip(*listed, strict=True))
 
 
 def _write_parquet(columns: Columns, path: Path, digits: int | None) -> None:
-    import pandas as pd
+    import pyarrow as pa
+    import pyarrow.parquet
 
     del digits  # all of them take no more space
-    pd.DataFrame(columns).to_parquet(path, index=False)
+    pyarrow.parquet.write_table(pa.table(dict(columns)), path)
+
+
+def to_dataframe(columns: Columns) -> pd.DataFrame:
+    """Return a table of columns (n,) for pandas."""
+    import pyarrow as pa
+
+    return pa.table(dict(columns)).to_pandas()
 
 
 TABLE_FORMATS = {".csv": _write_csv, ".parquet": _write_parquet}

@@ -22,10 +22,15 @@ from typing import TYPE_CHECKING, Any
 
 import psutil
 
-from stiffscope.errors import InputError, StiffscopeError
+from stiffscope.errors import InputError, StiffscopeError, require
 from stiffscope.runtime.json_text import encodable, to_json
-from stiffscope.runtime.reading import file_digest, read_bytes, show_path, why
-from stiffscope.runtime.signals import STOPS, deaf_to
+from stiffscope.runtime.reading import (
+    describe_cause,
+    file_digest,
+    read_bytes,
+    show_path,
+)
+from stiffscope.runtime.signals import STOPS, defer_signals
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -74,8 +79,9 @@ def _resolve(path: str | Path) -> Path:
 def check_file(path: Path) -> None:
     """Raise InputError early for a file that `write_bytes` cannot write."""
     with refusing(path):
-        if os.path.isdir(path):  # noqa: PTH112 (pathlib's raise for some names)
-            raise InputError(f"{show_path(path)}: is a folder; give a file")
+        # pathlib's own raises for some names
+        is_folder = os.path.isdir(path)  # noqa: PTH112
+        require(not is_folder, show_path(path), "a file to write", "a folder")
         if not _is_stream(path):
             with scratch_folder(_resolve(path).parent) as folder:
                 (folder / path.name).touch()
@@ -104,10 +110,8 @@ def write_new(path: Path, content: bytes) -> None:
 
 def check_new(path: str | Path, advice: str = "choose another name") -> None:
     """Raise InputError with advice if a path exists, of any kind, or cannot be written."""
-    if not Path(path).name:  # "", "." and "/"
-        raise InputError(
-            f"{show_path(path)}: expected the name of a file to write, got none"
-        )
+    # "", "." and "/"
+    require(Path(path).name, show_path(path), "the name of a file to write", "none")
     _check_absent(path, "file", advice)
     check_file(Path(path))
 
@@ -115,9 +119,12 @@ def check_new(path: str | Path, advice: str = "choose another name") -> None:
 def _check_absent(
     path: str | Path, kind: str, advice: str = "choose another name"
 ) -> None:
-    if kind and os.path.lexists(path):
-        expected = f"expected a {kind} that is not there yet, got one that is"
-        raise InputError(f"{show_path(path)}: {expected}; {advice}")
+    require(
+        not (kind and os.path.lexists(path)),
+        show_path(path),
+        f"a {kind} that is not there yet",
+        f"one that is; {advice}",
+    )
 
 
 def check_json(path: Path) -> None:
@@ -127,11 +134,12 @@ def check_json(path: Path) -> None:
         with contextlib.suppress(ValueError, LookupError, TypeError, RecursionError):
             held = json.loads(read_bytes(path))
             maker = (held[0] if isinstance(held, list) else held)["made_by"]
-        if maker != MAKER:
-            expected = "expected a new file or JSON that stiffscope wrote"
-            raise InputError(
-                f"{show_path(path)}: {expected}, got another; --force replaces it"
-            )
+        require(
+            maker == MAKER,
+            show_path(path),
+            "a new file or JSON that stiffscope wrote",
+            "another; --force replaces it",
+        )
     check_file(path)
 
 
@@ -163,7 +171,7 @@ def _unwritable(
     if folder:
         what = f"the output folder {what}"
         advice = "choose another with --out"
-    text = f"{show_path(path)}: {what} ({why(error, path)});"
+    text = f"{show_path(path)}: {what} ({describe_cause(error, path)});"
     if getattr(error, "errno", None) in FULL:
         return StiffscopeError(
             f"{text} make room on its disk{f', or {advice}' if folder else ''}"
@@ -241,7 +249,7 @@ def staged_folder(target: str | Path, *, new: bool = False) -> Iterator[Path]:
         _check_absent(target, absent, _ANOTHER)
         if not new:
             _list_files(aside)
-        with deaf_to(*STOPS):
+        with defer_signals(*STOPS):
             _exchange(aside, Path(target).resolve(), target)
 
 
@@ -280,25 +288,24 @@ def check_output(target: str | Path, *others: str | Path | None) -> None:
         _check_place(target, goal, there=there)
         for other in filter(None, others):
             with refusing(other):
-                if _resolve(other).is_relative_to(goal):
-                    what = f"is in {target}, which is replaced as a whole"
-                    raise InputError(f"{other}: {what}; give a file elsewhere")
+                require(
+                    not _resolve(other).is_relative_to(goal),
+                    other,
+                    f"a file outside {target}, which is replaced as a whole",
+                )
         for reason in _foreign(goal).values() if there and not _forced else ():
             cure = "give a new or empty folder, or --force, which keeps that file"
             raise InputError(f"{target}: {reason}; {cure}")
         nearest = next(p for p in (goal, *goal.parents) if p.exists())
-        if not nearest.is_dir():
-            raise InputError(f"{show_path(target)}: {nearest} is a file, not a folder")
+        require(nearest.is_dir(), show_path(target), "a folder", f"{nearest}, a file")
         with scratch_folder(goal.parent if there else nearest) as folder:
             (folder / goal.name).mkdir()
 
 
 def _check_place(target: str | Path, goal: Path, *, there: bool) -> None:
     """Raise InputError for a file, the working folder or a mount point."""
-    if there and not goal.is_dir():
-        raise InputError(
-            f"{show_path(target)}: is a file; give a folder for the output"
-        )
+    is_file = there and not goal.is_dir()
+    require(not is_file, show_path(target), "a folder for the output", "a file")
     what = ""
     better = Path(target) / "out"
     here = Path.cwd()

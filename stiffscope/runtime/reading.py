@@ -8,7 +8,7 @@ import os
 import stat
 from typing import TYPE_CHECKING
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require, require_given
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -53,13 +53,13 @@ def open_file(
         handle = os.open(path, os.O_RDONLY | flags)
     except (OSError, ValueError) as error:
         raise InputError(
-            f"{show_path(path)}: expected {what}, got {why(error, path)}"
+            f"{show_path(path)}: expected {what}, got {describe_cause(error, path)}"
         ) from error
     stream = os.fdopen(handle, "rb") if stat.S_ISREG(os.fstat(handle).st_mode) else None
+    kind = _KINDS.get(stat.S_IFMT(os.fstat(handle).st_mode), "no regular file")
     if stream is None:
-        kind = _KINDS.get(stat.S_IFMT(os.fstat(handle).st_mode), "no regular file")
         os.close(handle)
-        raise InputError(f"{show_path(path)}: expected {what}, got {kind}")
+    stream = require_given(stream, show_path(path), what, kind)
     opened.add(os.path.realpath(path))
     size = os.fstat(handle).st_size
     if size > most:
@@ -82,11 +82,10 @@ def read_bytes(path: str | Path, what: str = "a file", most: int = MOST_BYTES) -
             content = stream.read(most + 1)
     except OSError as error:
         raise InputError(
-            f"{show_path(path)}: expected {what}, got {why(error, path)}"
+            f"{show_path(path)}: expected {what}, got {describe_cause(error, path)}"
         ) from error
-    if len(content) > most:
-        what = f"{what} of at most {_size(most)}"
-        raise InputError(f"{show_path(path)}: expected {what}, got a larger one")
+    what = f"{what} of at most {_size(most)}"
+    require(len(content) <= most, show_path(path), what, "a larger one")
     return content
 
 
@@ -121,13 +120,13 @@ def read_text(
         raise InputError(
             f"{path}:{line}: expected {what} in UTF-8, got {got}"
         ) from error
-    if "\0" in text:
-        line = text[: text.index("\0")].count("\n") + 1
-        raise InputError(f"{path}:{line}: expected {what}, got a NUL byte")
+    before, nul, _ = text.partition("\0")
+    line = before.count("\n") + 1 if nul else 1
+    require(not nul, f"{path}:{line}", what, "a NUL byte")
     return text
 
 
-def why(error: BaseException, path: str | Path = "") -> str:
+def describe_cause(error: BaseException, path: str | Path = "") -> str:
     """Return a system error about a path in a few words."""
     if isinstance(error, ValueError):  # "embedded null byte"
         return "a name that no file can have"

@@ -38,8 +38,12 @@ class Scheduler(Executor):
     width = 64
 
     def __init__(self, address: str) -> None:
-        from distributed import Client
-
+        try:
+            from distributed import Client
+        except ImportError as error:
+            cure = "install it by: python -m pip install 'stiffscope[cluster]'"
+            expected = "expected the package distributed, got none"
+            raise InputError(f"--scheduler: {expected}; {cure}") from error
         for each in ("distributed", "distributed.client", "tornado.application"):
             logging.getLogger(each).setLevel(
                 logging.CRITICAL

@@ -23,7 +23,7 @@ def block(*names: str) -> set[signal.Signals]:
 
 
 @contextlib.contextmanager
-def deaf_to(*names: str) -> Iterator[None]:
+def defer_signals(*names: str) -> Iterator[None]:
     """Defer signals until the block is done; threads and processes started in it never get them.
 
     ``names``: "SIGINT" (Ctrl-C), "SIGTERM" etc. If an existing thread receives a signal for the

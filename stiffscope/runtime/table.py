@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import openpyxl
 
-from stiffscope.errors import InputError, meant
+from stiffscope.errors import InputError, require, suggest
 from stiffscope.runtime.reading import open_file, read_text
 
 if TYPE_CHECKING:
@@ -41,9 +41,7 @@ MOST_CELLS = 20_000_000  # of a sheet, including empty ones; takes two seconds
 _LAST_ROW = 1 << 20  # of a sheet
 _MOST_LINES = 1 << 20  # of a text, including blank ones
 _LONGEST = 1 << 16  # characters searched for the separator, and of an XML tag
-_MOST_TAGS = (
-    1 << 19
-)  # of a row of a sheet, and beside its rows; takes two seconds to ten
+_MOST_TAGS = 1 << 19  # of a row of a sheet, and beside its rows; takes seconds
 MOST_BYTES = 1 << 26  # of an unpacked table: 200,000 rows of 20 numbers
 
 
@@ -212,10 +210,7 @@ def read_table(
     read = _sheet if path.suffix.lower() == ".xlsx" else _lines
     rows, lines, decimal_comma, sheets = read(path, most)
     name = f"{path.name} (sheet {sheets[0]})" if sheets[1:] else path.name
-    if not rows:
-        raise InputError(
-            f"{name}: expected a header line of column names, got an empty file"
-        )
+    require(rows, name, "a header line of column names", "an empty file")
     _drop_empty_columns(rows)
     header = _header(name, rows[0], lines[0])
     own = {
@@ -236,10 +231,8 @@ def read_table(
         what = f"{name}:{lines[most + 1]}: expected at most {most:,} rows, got more"
         raise InputError(what if told else f"{what}; average repeated readings")
     _check_lengths(name, header, rows, lines)
-    if len(rows) == 1:
-        raise InputError(
-            f"{name}:{lines[0] + 1}: expected at least one row under the header"
-        )
+    below = f"{name}:{lines[0] + 1}"
+    require(len(rows) > 1, below, "at least one row under the header")
     if sheets[1:]:
         log.warning(
             "%s: sheet %s is read, not %s", path.name, sheets[0], ", ".join(sheets[1:])
@@ -259,10 +252,12 @@ def _rename(
     """Return the header with names of columns in place of a file's own headings."""
     column_of = {heading: column for column, heading in own.items()}
     for column, heading in own.items():
-        if column in header and column not in column_of:
-            raise InputError(
-                f"{name}:{line}: {column}: expected it once, got {heading!a} for it, too"
-            )
+        require(
+            not (column in header and column not in column_of),
+            f"{name}:{line}: {column}",
+            "it once",
+            f"{heading!a} for it, too",
+        )
     return [column_of.get(cell, cell) for cell in header]
 
 
@@ -344,9 +339,8 @@ def _sheet(path: Path, most: int) -> tuple[list[list[str]], list[int], bool, lis
 def _visible(path: Path, book: openpyxl.Workbook) -> list[Any]:
     """Return the sheets that are not hidden; raise InputError if there is none."""
     shown = [each for each in book.worksheets if each.sheet_state == "visible"]
-    if shown:
-        return shown
-    raise InputError(f"{path}: expected an .xlsx workbook with a sheet not hidden")
+    require(shown, path, "an .xlsx workbook with a sheet not hidden")
+    return shown
 
 
 def _filled_rows(
@@ -390,23 +384,20 @@ def _check_unpacked(path: Path, stream: BinaryIO) -> None:
     """Raise InputError for a workbook that is too large when unpacked, or has a row or tag that is."""
     with zipfile.ZipFile(stream) as book:
         size = sum(each.file_size for each in book.infolist())
-        if size > MOST_BYTES:
-            most = f"at most {MOST_BYTES >> 20} MiB unpacked"
-            raise InputError(
-                f"{path}: expected an .xlsx workbook of {most}, got {size >> 20}"
-            )
-        for name in (
-            each for each in book.namelist() if each.endswith((".xml", ".rels"))
-        ):
+    most = f"an .xlsx workbook of at most {MOST_BYTES >> 20} MiB unpacked"
+    require(size <= MOST_BYTES, path, most, size >> 20)
+    most = f"an .xlsx workbook with at most {_MOST_TAGS:,} tags in and beside rows, of at most {_LONGEST:,} characters"
+    with zipfile.ZipFile(stream) as book:
+        for name in book.namelist():
+            if not name.endswith((".xml", ".rels")):
+                continue
             text = book.read(name)
             found = islice(re.finditer(rb"<(?:\w+:)?row\b", text), _LAST_ROW)
             rows = [0, *(each.start() for each in found), len(text)]
             count = max(text.count(b"<", *ends) for ends in pairwise(rows))
-            if count > _MOST_TAGS or re.search(rb"<[^<>]{%d}" % _LONGEST, text):
-                most = f"at most {_MOST_TAGS:,} tags in and beside rows, of at most {_LONGEST:,} characters"
-                raise InputError(
-                    f"{path}: expected an .xlsx workbook with {most}, got more in {name!a}"
-                )
+            is_long = re.search(rb"<[^<>]{%d}" % _LONGEST, text)
+            fits = count <= _MOST_TAGS and not is_long
+            require(fits, path, most, f"more in {name!a}")
     stream.seek(0)
 
 
@@ -427,18 +418,20 @@ _DECIMAL_COMMA = re.compile(r"^([+-]?\d*),(\d+([eE][+-]?\d+)?)\Z")
 
 def _header(name: str, row: list[str], line: int) -> list[str]:
     header = [cell.strip() for cell in row]
-    if len(header) > MOST_COLUMNS:
-        message = f"expected at most {MOST_COLUMNS:,} columns, got more"
-        raise InputError(f"{name}:{line}: column {MOST_COLUMNS + 1}: {message}")
+    require(
+        len(header) <= MOST_COLUMNS,
+        f"{name}:{line}: column {MOST_COLUMNS + 1}",
+        f"at most {MOST_COLUMNS:,} columns",
+        "more",
+    )
     for position, cell in enumerate(header):
-        if not cell:
-            raise InputError(
-                f"{name}:{line}: column {position + 1}: expected a name in the header"
-            )
-        if cell in header[:position]:
-            raise InputError(
-                f"{name}:{line}: {cell}: expected each name once, got it twice"
-            )
+        require(cell, f"{name}:{line}: column {position + 1}", "a name in the header")
+        require(
+            cell not in header[:position],
+            f"{name}:{line}: {cell}",
+            "each name once",
+            "it twice",
+        )
     return header
 
 
@@ -482,14 +475,14 @@ def check_columns(
             heading
             for heading in header
             if heading.casefold() == column
-            or (heading in unknown and meant(heading, [column]))
+            or (heading in unknown and suggest(heading, [column]))
         ]
         got = f'"{near[0]}"' if near else "none"
         messages.append(f"{name}:1: {column}: expected this column, got {got}")
         unknown = [heading for heading in unknown if heading not in near[:1]]
     listed = ", ".join(valid)
     messages += [
-        f"{name}:1: {column}: expected one of {listed}{meant(column, valid)}"
+        f"{name}:1: {column}: expected one of {listed}{suggest(column, valid)}"
         for column in unknown
     ]
     if messages:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.experiments.masses import mass_of_solids
 from stiffscope.robot.mechanism_of import configured_poses
@@ -77,10 +77,12 @@ def compare_robots(
     InputError
         Their poses have different coordinates, or no named pose is reachable for both.
     """
-    if first.tool.pose != second.tool.pose:
-        got = " and ".join(" ".join(robot.tool.pose) for robot in (first, second))
-        expected = "expected two robots whose poses have the same coordinates"
-        raise InputError(f"compare: {expected}, got {got}")
+    require(
+        first.tool.pose == second.tool.pose,
+        "compare",
+        "two robots whose poses have the same coordinates",
+        f"{' '.join(first.tool.pose)} and {' '.join(second.tool.pose)}",
+    )
     names = (first.name, second.name)
     if names[0] == names[1]:
         names = (first.path.stem, second.path.stem)
@@ -99,10 +101,7 @@ def compare_robots(
             for each in made.values()
         ]
         reached = np.all(valid, axis=0)
-    if not reached.any():
-        raise InputError(
-            "compare: expected a named pose that both robots reach, got none"
-        )
+    require(reached.any(), "compare", "a named pose that both robots reach", "none")
     both = [
         analyse(each.mechanism, values[reached], gravity="exact")
         for each in made.values()

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require, require_given
 from stiffscope.runtime.formats import write_netcdf, write_table
 from stiffscope.vjm.kinematics.configurations import configure, find_still
 from stiffscope.vjm.model.mechanism import COORDINATES, DIAGONAL
@@ -163,11 +163,9 @@ def map_robot(
 
 def require_map(robot: RobotFile) -> MapSection:
     """Return `[map]` of a robot file. Raise InputError if it is missing."""
-    if robot.map is None:
-        example = 'such as x = ["-150 mm", "150 mm"] and z = ["380 mm", "520 mm"]'
-        expected = f"expected a table of two coordinates to sweep, {example}"
-        raise InputError(f"{robot.path}: map: {expected}, got none")
-    return robot.map
+    example = 'such as x = ["-150 mm", "150 mm"] and z = ["380 mm", "520 mm"]'
+    what = f"a table of two coordinates to sweep, {example}"
+    return require_given(robot.map, f"{robot.path}: map", what, "none")
 
 
 def map_stiffness(
@@ -224,11 +222,12 @@ def check_points(mechanism: Mechanism, ranges: Ranges, points: int) -> None:
         (MEMORY / (PER_POSE + PER_ELEMENT * len(mechanism.elements)))
         ** (1 / len(ranges))
     )
-    if points > most:
-        expected = f"expected at most {most} poses along each of {' and '.join(ranges)}"
-        raise InputError(
-            f"points: {expected}, which take {MEMORY / 1e9:g} GB, got {points}"
-        )
+    require(
+        points <= most,
+        "points",
+        f"at most {most} poses along each of {' and '.join(ranges)}, which take {MEMORY / 1e9:g} GB",
+        points,
+    )
 
 
 def map_volume(

@@ -12,7 +12,7 @@ from stiffscope.cli import options
 from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit
 from stiffscope.cli.poses import find_poses
-from stiffscope.errors import InputError
+from stiffscope.errors import naming, require
 from stiffscope.experiments.assembly import name_robot
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.report.run_report import write_modes_report
@@ -196,30 +196,36 @@ def _band(text: str | None) -> tuple[float, float] | None:
         low, high = (float(word) for word in text.split(","))
     except ValueError:
         low = high = -1.0
-    if not 0.0 < low < high or FREQUENCY.refusal(low) or FREQUENCY.refusal(high):
-        raise InputError(
-            f"--band {text}: expected LOW,HIGH in Hz, 0 < LOW < HIGH, such as 5,500"
-        )
+    require(
+        0.0 < low < high and not FREQUENCY.refusal(low) and not FREQUENCY.refusal(high),
+        f"--band {text}",
+        "LOW,HIGH in Hz, 0 < LOW < HIGH, such as 5,500",
+    )
     return low, high
 
 
 def _port(mechanism: Mechanism, option: str, text: str) -> Port:
     """Return the port given as ``BODY:POINT:DIRECTION``."""
     words = [word.strip() for word in text.split(":")]
-    if len(words) != 3:
-        raise InputError(
-            f"{option} {text}: expected BODY:POINT:DIRECTION such as platform:M:z"
-        )
+    require(
+        len(words) == 3, f"{option} {text}", "BODY:POINT:DIRECTION such as platform:M:z"
+    )
     name, point, way = words
     nodes = {node: body for body in mechanism.bodies for node in body.nodes}
     node = mechanism.tool.body if name == "tool" else name
-    if node not in nodes:
-        expected = f"expected tool or one of {', '.join(nodes)}"
-        raise InputError(f"{option} {text}: {expected}, got {name!r}")
+    require(
+        node in nodes,
+        f"{option} {text}",
+        f"tool or one of {', '.join(nodes)}",
+        f"{name!r}",
+    )
     axis = way.lstrip("+-")
-    if axis not in COORDINATES or len(way) - len(axis) > 1:
-        expected = f"expected a direction among {', '.join(COORDINATES)}"
-        raise InputError(f"{option} {text}: {expected}, got {way!r}")
+    require(
+        axis in COORDINATES and len(way) <= 1 + len(axis),
+        f"{option} {text}",
+        f"a direction among {', '.join(COORDINATES)}",
+        f"{way!r}",
+    )
     centre = nodes[node].centre
     places = {} if centre is None else {"centre": centre}
     places |= {joint.name: joint.at for joint in mechanism.joints} | {
@@ -227,14 +233,10 @@ def _port(mechanism: Mechanism, option: str, text: str) -> Port:
     }
     at = places.get(point)
     if at is None:
-        try:
+        known = "M, a joint's name" + (", centre" if "centre" in places else "")
+        form = f"a point: X,Y,Z such as 0,0,350 mm, {known}"
+        with naming(f"{option} {text}", form):
             at = np.array(q.several(point, *[q.LENGTH] * 3))
-        except ValueError as error:
-            known = ", ".join(
-                ["M", "a joint's name", *(["centre"] if "centre" in places else [])]
-            )
-            expected = f"expected a point (X,Y,Z such as 0,0,350 mm, {known})"
-            raise InputError(f"{option} {text}: {expected}, got {point!r}") from error
     direction = np.eye(6)[COORDINATES.index(axis)] * (
         -1.0 if way.startswith("-") else 1.0
     )

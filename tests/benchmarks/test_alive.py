@@ -33,6 +33,8 @@ from tests.benchmarks.second_lab import campaign_of, names_of, scored
 from tests.experiments.one_part import ROD, one_part
 from tests.robots import random_poses
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).parents[2]
 
 
@@ -66,6 +68,7 @@ def test_a_process_of_a_stored_mesh(coarse, tmp_path):
     )
 
 
+@pytest.mark.extended
 def test_a_whole_process_from_the_cad(monkeypatch):
     done = measured(code="experiment", part="link", settings={"tolerance": 0.02})
     assert done["seconds"] > 0
@@ -77,6 +80,7 @@ def test_a_whole_process_from_the_cad(monkeypatch):
     )
 
 
+@pytest.mark.extended
 def test_two_levels_and_a_large_mesh(monkeypatch, coarse, capsys):
     monkeypatch.setattr(test_solvers, "meshed", lambda *_: coarse)
     test_solvers.test_two_levels_beside_a_factorization("link", 2.0)
@@ -86,6 +90,7 @@ def test_two_levels_and_a_large_mesh(monkeypatch, coarse, capsys):
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["dofs"] > 1000
 
 
+@pytest.mark.extended
 def test_bounds_of_a_random_part(monkeypatch):
     monkeypatch.setattr(test_fea_coverage, "FINER", 1.2)
     (true, bound, size), said = test_fea_coverage.compare(4)
@@ -94,6 +99,7 @@ def test_bounds_of_a_random_part(monkeypatch):
     )  # they are 95 % bounds
 
 
+@pytest.mark.extended
 def test_poses_modes_and_a_map(rng, capsys, monkeypatch):
     robots = (test_vjm_speed.elastic_hexapod(), test_vjm_speed.thirty_bodies())
     assert all(np.isfinite(stiffness(robot, robot.tool.home)).all() for robot in robots)
@@ -105,10 +111,12 @@ def test_poses_modes_and_a_map(rng, capsys, monkeypatch):
     test_modes_speed.test_first_six_frequencies_of_many_poses(rng, capsys)
 
 
+@pytest.mark.extended
 def test_effects_of_a_linear_model():
     test_gap_speed.test_four_effects_among_two_hundred(14, 6, 60)
 
 
+@pytest.mark.extended
 def test_campaigns_of_a_hexapod_and_of_a_template(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(test_gap_speed, "POSES", 8)
     monkeypatch.setattr(test_gap_speed, "STANCES", 8)
@@ -137,6 +145,7 @@ def test_a_humanoid_with_nothing_wrong(tmp_path, monkeypatch):
     test_humanoid.test_humanoid("nothing wrong", 1, tmp_path)
 
 
+@pytest.mark.extended
 def test_a_dimension_of_a_part(tmp_path, monkeypatch):
     monkeypatch.setenv("STIFFSCOPE_CACHE", str(tmp_path / "cache"))
     one_part(tmp_path, ROD)
@@ -148,6 +157,7 @@ def test_a_dimension_of_a_part(tmp_path, monkeypatch):
     assert answer.right, said
 
 
+@pytest.mark.extended
 def test_derivatives_of_a_part():
     rows = test_sensitivity.table("link", only=("radius",))
     assert [entry for _, entry, *_ in rows] == [f"C{k}{k}" for k in range(1, 7)]
@@ -162,6 +172,7 @@ def test_what_a_watched_run_changes_is_in_the_file():
     assert test_rerun_speed.timed("-c", "pass")[0] > 0
 
 
+@pytest.mark.extended
 def test_four_interfaces_beside_two(monkeypatch):
     monkeypatch.setattr(test_solvers, "RUNS", 1)
     monkeypatch.setattr(test_solvers, "MOST", 9.0)  # beside other tests
@@ -178,5 +189,6 @@ def test_every_benchmark_that_the_documentation_names_is_here():
     assert named <= set(re.findall(r"\w+", Path(__file__).read_text()))
 
 
+@pytest.mark.extended
 def test_joints_of_an_assembly(tmp_path):
     test_assembly_speed.test_seconds_to_the_joints_of_a_machine(1, tmp_path)

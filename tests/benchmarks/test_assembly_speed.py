@@ -14,6 +14,8 @@ from stiffscope.imports.contact_joints import find_joints
 from stiffscope.imports.hardware import find_hardware
 from tests.imports import assemblies
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.benchmark
 @pytest.mark.parametrize("axes", [5, 11, 23])

@@ -24,6 +24,8 @@ from stiffscope.fea.run import run_experiment
 from stiffscope.fea.settings import Settings
 from tests.benchmarks.random_parts import draw
 
+pytestmark = pytest.mark.slow
+
 PARTS, SEED = (
     int(os.environ.get(f"STIFFSCOPE_{name}", value))
     for name, value in (("PARTS", 12), ("SEED", 6))

@@ -27,6 +27,8 @@ from tests.gap.synthetic import linear_model
 from tests.gap.test_inference import planted
 from tests.lab.test_blind import blind_robot
 
+pytestmark = pytest.mark.slow
+
 POSES = 111
 STANCES = 32  # of the hexapod, and of a template
 FAULTS = (

@@ -7,6 +7,8 @@ import pytest
 import stiffscope as ss
 from tests.benchmarks.humanoid import write_campaign
 
+pytestmark = pytest.mark.slow
+
 POSES = 200
 CASES = {
     "all wrong": (

@@ -39,6 +39,8 @@ from stiffscope.robot.part_dimensions import FOUNDATION, part_parameters, with_p
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.workshop import workshop
 
+pytestmark = pytest.mark.slow
+
 CAMPAIGNS, SEED = (
     int(os.environ.get(f"STIFFSCOPE_{name}", value))
     for name, value in (("CAMPAIGNS", 18), ("SEED", 1))

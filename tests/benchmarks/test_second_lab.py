@@ -10,6 +10,8 @@ from stiffscope.gap.forward.robot_model import RobotModel
 from stiffscope.gap.inference.find import find
 from tests.benchmarks.second_lab import CYCLE, SPREAD, campaign_of, names_of, scored
 
+pytestmark = pytest.mark.slow
+
 ROUNDS = 2
 
 

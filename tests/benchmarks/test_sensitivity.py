@@ -19,6 +19,8 @@ from stiffscope.fea.settings import Settings
 from stiffscope.fea.solution import solve_specimen
 from stiffscope.fea.specimen import mesh_specimen
 
+pytestmark = pytest.mark.slow
+
 CHANGES = (0.019, 0.021)  # of a parameter, each a pair of experiments
 SCATTER = 0.005  # rms of derivative less difference, each times value over compliance
 SLIDER = slider.SliderParameters()

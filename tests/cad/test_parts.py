@@ -20,6 +20,8 @@ from stiffscope.cad.slider import SliderParameters
 from stiffscope.cad.solid import build
 from stiffscope.errors import InputError
 
+pytestmark = pytest.mark.slow
+
 FULL = SliderParameters(
     rib_count=3,
     fillet=0.004,

@@ -22,6 +22,8 @@ from stiffscope.cad.validity import count_turns, valid_solid
 from stiffscope.errors import InputError
 from stiffscope.runtime.executor import WorkerError
 
+pytestmark = pytest.mark.slow
+
 HOLED = SliderParameters(rib_count=2, fillet=0.003, hole_count=3)
 
 
@@ -159,6 +161,13 @@ def box(low: float, high: float) -> kernel.Shape:
 
 def crossing(deep: float = 5.0) -> kernel.Shape:
     """Two cubes that overlap, mm, their faces in one shell."""
+    return one_shell(
+        *kernel.faces(box(0, 10)), *kernel.faces(box(10 - deep, 20 - deep))
+    )
+
+
+def one_shell(*faces: kernel.Face) -> kernel.Shape:
+    """A solid whose faces are these, whether they fit or not."""
     from OCP.BRep import BRep_Builder
     from OCP.TopoDS import TopoDS_Shell, TopoDS_Solid
 
@@ -167,7 +176,7 @@ def crossing(deep: float = 5.0) -> kernel.Shape:
     solid = TopoDS_Solid()
     builder.MakeShell(shell)
     builder.MakeSolid(solid)
-    for face in kernel.faces(box(0, 10)) + kernel.faces(box(10 - deep, 20 - deep)):
+    for face in faces:
         builder.Add(shell, face)
     builder.Add(solid, shell)
     return solid
@@ -176,19 +185,50 @@ def crossing(deep: float = 5.0) -> kernel.Shape:
 BAD = {
     "assembly": (
         lambda: kernel.compound(box(0, 1), box(2, 3)),
-        "an assembly of 2 solids",
+        r"2: 1 from \(0, 0, 0\) mm to \(1, 1, 1\) mm, 1 mm3; 2 from \(2, 2, 2\)",
     ),
     "sheet": (lambda: kernel.faces(box(0, 10))[0], "a surface without volume"),
     "loose": (
         lambda: kernel.compound(box(0, 10), kernel.faces(box(20, 30))[0]),
-        "1 loose face ",
+        r"1 loose face beside the solid, at \(20, 25, 25\) mm",
     ),
     "far": (lambda: box(1e9, 1e9 + 10), "1e.09 mm"),
     "not a number": (lambda: box(0, float("nan")), "nan mm"),
     "crossing": (crossing, r"a self-intersecting solid at \(.*\) mm"),
+    "open": (
+        lambda: one_shell(*kernel.faces(box(0, 10))[:5]),
+        r"4 open edges, one at \((0|5|10), (0|5|10), 10\) mm",
+    ),
     "tiny": (lambda: box(0, 0.01), "0.0173 mm"),
     "foil": (lambda: Box(100, 100, 1e-4).wrapped, "0.0001 mm"),
 }
+
+
+def test_a_solid_is_chosen_by_its_number_or_all_are_fused(tmp_path: Path) -> None:
+    """Blocks of 10 mm: two share a face, the third is 5 mm beside them."""
+    blocks = [Pos(x, 0, 0) * Box(10, 10, 10) for x in (0, 10, 25)]
+    three = kernel.compound(*(each.wrapped for each in blocks))
+    chosen = valid_solid(three, "x.step", 3)
+    assert kernel.bounds(chosen)[0] == pytest.approx([20, -5, -5], abs=1e-6)
+    with pytest.raises(InputError, match="solid from 1 to 3, got 4"):
+        valid_solid(three, "x.step", 4)
+    apart = r"2 pieces, 5 mm apart at \(17.5, .*\) mm; take one of 1 from"
+    with pytest.raises(InputError, match=apart):
+        valid_solid(three, "x.step", "all")
+    two = kernel.compound(*(each.wrapped for each in blocks[:2]))
+    kernel_files.write_step(two, tmp_path / "two.step")
+    fused = read_solid(tmp_path / "two.step", chosen="all")
+    assert kernel.volume_properties(fused).Mass() == pytest.approx(2000.0)
+    assert len(kernel.faces(fused)) == 6
+
+
+def test_solids_that_overlap_are_fused_with_a_warning(
+    caplog: pytest.LogCaptureFixture,
+) -> None:
+    both = kernel.compound(box(0, 10), box(5, 15))
+    fused = valid_solid(both, "x.step", "all")
+    assert kernel.volume_properties(fused).Mass() == pytest.approx(1875.0)
+    assert "overlap by 6.2 %" in caplog.text
 
 
 @pytest.mark.parametrize("name", BAD)
@@ -250,6 +290,7 @@ def test_what_is_no_solid_is_refused_in_a_file(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.extended
 def test_rubbish_is_refused(step: Path, tmp_path: Path) -> None:
     text = step.read_text()
     bodies = {
@@ -316,6 +357,7 @@ def test_stl_is_closed_and_has_the_volume(tmp_path: Path) -> None:
     assert volume == pytest.approx(mass_properties(part).volume, rel=0.01)
 
 
+@pytest.mark.extended
 def test_a_build123d_solid_is_a_part() -> None:
     build123d = pytest.importorskip("build123d")
     solid = build123d.Box(50, 20, 10) - build123d.Cylinder(3, 10)
@@ -330,6 +372,7 @@ def test_a_build123d_solid_is_a_part() -> None:
         part_of(build123d.sweep((bent ^ 0) * build123d.Circle(3), bent).solid())
 
 
+@pytest.mark.extended
 def test_building_writes_nothing_to_standard_output() -> None:
     code = (
         "from stiffscope.cad.slider import SliderParameters as P\nfrom stiffscope.cad.solid import build\n"

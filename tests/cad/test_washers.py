@@ -9,6 +9,8 @@ from stiffscope.cad.solid import part_of
 from stiffscope.cad.step import read_step
 from stiffscope.errors import InputError
 
+pytestmark = pytest.mark.slow
+
 UP = (0, 0, 1)
 DOWN = (0, 0, -1)
 
@@ -80,6 +82,7 @@ def test_one_selector_takes_all_holes_and_the_faces_numbers_are_those_listed(fil
     )
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(
     ("selector", "message"),
     [

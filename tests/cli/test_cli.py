@@ -20,6 +20,8 @@ from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.output import staged_folder
 from tests.experiments.one_part import MATRIX, one_part
 
+pytestmark = pytest.mark.slow
+
 COMMAND = [sys.executable, "-c", "from stiffscope.cli.main import main; main()"]
 
 
@@ -172,7 +174,7 @@ def test_version():
             ],
             'got "apart"',
         ),
-        (["audit", "--json", ""], "give a file"),
+        (["audit", "--json", ""], "expected a file to write"),
         (
             [
                 "deflection",
@@ -300,6 +302,7 @@ def foreign(tmp_path):
     return tmp_path
 
 
+@pytest.mark.extended_for("arguments0", "arguments1")
 @pytest.mark.parametrize(
     "arguments",
     [
@@ -396,31 +399,12 @@ def test_no_command_writes_over_its_input(tmp_path, monkeypatch, capsys):
         )
     assert _guarded(["map", "out/robot.toml", "--out", "out", "--force"]) == 2
     assert (
-        "out/robot.toml: is in out, which is replaced as a whole"
+        "out/robot.toml: expected a file outside out, which is replaced as a whole"
         in capsys.readouterr().err
     )
     for _ in range(2):
         assert _guarded(["stiffness", "robot.toml", "--json", "k.json", "--quiet"]) == 0
     assert Path("robot.toml").read_text() == Path("out/robot.toml").read_text() == text
-
-
-@pytest.mark.skipif(
-    sys.platform != "linux", reason="limits of address space are Linux's"
-)
-def test_little_address_space_is_refused_at_once():
-    """At 200 MB a library hung as it was loaded, deaf to SIGTERM."""
-    shell = 'ulimit -v 200000; exec "$@"'
-    told = subprocess.run(
-        ["bash", "-c", shell, "-", *COMMAND, "stiffness", "five-bar"],
-        check=False,
-        capture_output=True,
-        timeout=60,
-    )
-    assert told.returncode == 2
-    assert (
-        told.stderr
-        == b"stiffscope: memory: expected at least 256 MiB of address space (ulimit -v), got 195 MiB\n"
-    )
 
 
 def test_sag_under_its_own_weight(capsys):
@@ -437,6 +421,7 @@ def test_sag_under_its_own_weight(capsys):
     assert answer(capsys, *words)["sag"][0][2] == pytest.approx(10.8e-6, rel=1e-2)
 
 
+@pytest.mark.extended_for("15")
 @pytest.mark.parametrize("how", [signal.SIGTERM, signal.SIGINT])
 def test_a_stopped_run_leaves_nothing(tmp_path, how):
     environment = {**os.environ, "STIFFSCOPE_CACHE": str(tmp_path / "cache")}
@@ -483,6 +468,7 @@ def test_poses_by_the_drives(capsys):
         )
 
 
+@pytest.mark.extended
 def test_a_robot_of_ones_own(tmp_path, capsys):
     assert {"biglide", "delta", "stewart"} <= set(answer(capsys, "robots"))
     mine = tmp_path / "mine.toml"

@@ -11,6 +11,8 @@ from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.workshop import workshop
 from tests.experiments.one_part import DEPTH, LENGTH, STEP, WIDTH, one_part, write_bar
 
+pytestmark = pytest.mark.slow
+
 CHANGE = 0.02
 VOLUME = LENGTH * WIDTH * DEPTH
 MATERIAL = """

@@ -20,6 +20,8 @@ from stiffscope.errors import InputError
 from stiffscope.robot.reader import load_robot
 from tests.experiments.one_part import PLATE, ROD, one_part
 
+pytestmark = pytest.mark.slow
+
 E = 211e9
 RHO = 7850.0  # of the built-in steel
 BEAM = '\ncompliance = "beam"'

@@ -34,6 +34,8 @@ from tests.experiments.one_part import (
     write_bar,
 )
 
+pytestmark = pytest.mark.slow
+
 NAME = "bar 1"
 DRIVEN = np.diag([1 / DRIVE, 0, 0, 0, 0, 0])
 
@@ -50,6 +52,7 @@ def stepped(tmp_path_factory):
     return assembled(one_part(folder, STEP))
 
 
+@pytest.mark.extended
 def test_a_step_file_s_solid_yields_and_weighs(stepped):
     """In series with its drive; its weight acts all along it."""
     part = stepped.matrices[NAME]
@@ -150,6 +153,7 @@ def test_a_parameter_that_changes_a_step_file_s_length_is_not_ranked(stepped):
     assert "expected the length of bar.step" in found.notes["parameters.L"]
 
 
+@pytest.mark.extended
 def test_a_mass_that_only_cad_knows_is_tested_for(tmp_path):
     robot = one_part(
         tmp_path,

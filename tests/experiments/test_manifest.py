@@ -1,7 +1,11 @@
 """What a manifest says went in."""
 
+import pytest
+
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.runtime.reading import file_digest
+
+pytestmark = pytest.mark.slow
 
 
 def test_files_of_one_name_in_two_folders_both_go_in(tmp_path):

@@ -13,6 +13,8 @@ from stiffscope.runtime.workshop import workshop
 from stiffscope.vjm.model.screws import shift
 from stiffscope.vjm.statics.analysis import sag, stiffness
 
+pytestmark = pytest.mark.slow
+
 PADS = {"left": (-25, -15), "right": (-25, 15), "motor": (25, 0)}
 TEXT = """
 name = "bracketed"
@@ -65,6 +67,7 @@ def folder(tmp_path_factory):
     return path
 
 
+@pytest.mark.extended
 def test_every_interface_is_a_node_of_the_robot(folder):
     """Both supports held but for a turn of one: the block of the experiment's stiffness, in series with the drive."""
     robot = read_robot(folder / "robot.toml", TEXT)

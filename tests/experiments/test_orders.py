@@ -17,6 +17,8 @@ from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.workshop import workshop
 from tests.experiments.one_part import MATRIX, PLATE, ROD, STEP, one_part, write_bar
 
+pytestmark = pytest.mark.slow
+
 NAME = "bar 1"
 
 
@@ -125,6 +127,7 @@ def test_a_part_names_a_folder_of_results(tmp_path, name):
         load_robot(tmp_path / "robot.toml")
 
 
+@pytest.mark.extended
 def test_the_mesh_of_a_former_part_is_moved_along_where_it_can_be(
     tmp_path, monkeypatch
 ):
@@ -151,6 +154,7 @@ def test_the_mesh_of_a_former_part_is_moved_along_where_it_can_be(
     assert held[NAME].order == orders[2]
 
 
+@pytest.mark.extended
 def test_what_scripts_read_of_a_rod_and_of_a_step_file_in_its_place(
     tmp_path, monkeypatch
 ):

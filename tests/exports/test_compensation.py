@@ -17,6 +17,8 @@ from stiffscope.exports.compensation import (
 from stiffscope.vjm.kinematics.configurations import configure
 from stiffscope.vjm.statics.analysis import sag
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def delta():

@@ -23,6 +23,8 @@ pytest.importorskip("exudyn")
 from stiffscope.exports.exudyn_model import tabulate, write_script
 from stiffscope.exports.exudyn_robot import Robot, find_deflection, find_sag
 
+pytestmark = pytest.mark.slow
+
 ROBOTS = Path(__file__).parents[1] / "vjm" / "robots"
 TOLERANCE = 1e-3
 X, Y, Z = np.eye(3)

@@ -21,6 +21,8 @@ from stiffscope.vjm.vibration.modes import frequencies
 from tests.exports import settling
 from tests.vjm.files import FILES
 
+pytestmark = pytest.mark.slow
+
 ARM = """
 name = "arm"
 [bodies.arm]

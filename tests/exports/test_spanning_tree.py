@@ -7,6 +7,8 @@ from stiffscope.robot.mechanism_of import rigid_mechanism
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.model.checks import GROUND
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("name", ["delta", "stewart", "biglide", "serial-arm"])
 def test_joints_that_close_loops_lead_back_to_an_ancestor(name):

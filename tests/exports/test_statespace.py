@@ -11,6 +11,8 @@ from stiffscope.exports.targets.statespace import TARGET
 from stiffscope.vjm.kinematics.configurations import configure
 from stiffscope.vjm.vibration.frequency_response import Port, frequency_response
 
+pytestmark = pytest.mark.slow
+
 HERTZ = np.geomspace(5.0, 1500.0, 60)
 
 

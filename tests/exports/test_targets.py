@@ -7,6 +7,8 @@ import pytest
 from stiffscope.cli.main import _guarded
 from stiffscope.exports.target import load_target, target_names
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("name", target_names())
 def test_a_target_has_its_name_a_sentence_and_files(name):

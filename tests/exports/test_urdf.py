@@ -13,6 +13,8 @@ from stiffscope.vjm.kinematics.configurations import configure_drives
 from stiffscope.vjm.model.mechanism import Change
 from tests.exports.test_mjcf import order
 
+pytestmark = pytest.mark.slow
+
 
 def read(tmp_path, wanted):
     export = export_robot(wanted)

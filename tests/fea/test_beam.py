@@ -5,6 +5,8 @@ from stiffscope.cad.cross_sections import circle, rectangle, saint_venant_torsio
 from stiffscope.errors import InputError
 from stiffscope.fea.beam import euler_bernoulli, polar, timoshenko
 
+pytestmark = pytest.mark.slow
+
 E = 211e9
 G = 81e9
 

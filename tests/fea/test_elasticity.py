@@ -27,6 +27,8 @@ from stiffscope.fea.solvers import Solver
 from stiffscope.fea.spaces import ElementTetCubic, cell_bases
 from tests.fea.shapes import CLAMPED, LOADED, STEEL, isotropic
 
+pytestmark = pytest.mark.slow
+
 LAME = lame_parameters(211e9, 211 / 162 - 1)  # of STEEL
 
 
@@ -138,6 +140,7 @@ def test_cubic_functions_are_continuous_vanish_at_nodes_and_have_their_derivativ
     assert left == pytest.approx(right, abs=1e-9)
 
 
+@pytest.mark.extended_for("rigid")
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_cubic_solution_is_softer_in_every_direction(stub, kind):
     specimen, mesh = stub
@@ -179,6 +182,7 @@ def test_the_cubic_solution_is_softer_in_every_direction(stub, kind):
     )
 
 
+@pytest.mark.extended_for("0.49-distributed")
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("poisson", [pytest.param(0.3, marks=pytest.mark.long), 0.49])
 def test_multigrid_agrees_with_a_factorization(stub, kind, poisson, caplog):

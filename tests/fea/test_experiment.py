@@ -13,6 +13,8 @@ from stiffscope.fea.settings import Settings
 from tests.fea.conftest import PLATE
 from tests.fea.shapes import box
 
+pytestmark = pytest.mark.slow
+
 # Plate: structured mesh graded to 0.2 mm at the edges, cubic, 551,000 unknowns. Link: cubic, three layers, 136,000
 # unknowns; its C44 is Saint-Venant's exact L / GJ. Both still move by less than 0.003 %.
 ENTRIES = [(0, 0), (1, 1), (2, 2), (3, 3), (4, 4), (5, 5), (1, 5), (2, 4)]
@@ -54,6 +56,7 @@ def pick(matrix):
     return np.array([matrix[i, j] for i, j in ENTRIES])
 
 
+@pytest.mark.extended_for("link-0.0005", "plate-0.002")
 @pytest.mark.parametrize(("name", "allowed"), [("link", 5e-4), ("plate", 2e-3)])
 def test_every_entry_is_within_its_tolerance_and_its_bound(name, allowed, request):
     experiment = request.getfixturevalue(name)

@@ -13,6 +13,8 @@ from stiffscope.fea.run import run_experiment, specimen_of
 from stiffscope.fea.settings import Settings
 from stiffscope.fea.specimen import mesh_specimen, shape_error
 
+pytestmark = pytest.mark.slow
+
 
 def whole(solid):
     return specimen_of(part_of(solid), Settings())

@@ -12,6 +12,8 @@ from stiffscope.fea.rigid import rigid_twists
 from stiffscope.fea.run import run_experiment
 from stiffscope.fea.settings import Settings
 
+pytestmark = pytest.mark.slow
+
 PADS = {"left": (-25, -15), "right": (-25, 15), "motor": (25, 0)}
 
 
@@ -43,6 +45,7 @@ def ordered(experiment, names=tuple(PADS)):
     return [matrix[np.ix_(rows, rows)] for matrix in each]
 
 
+@pytest.mark.extended_for("distributed")
 def test_the_stiffness_is_symmetric_semidefinite_and_free_of_rigid_motions(tested):
     rigid = rigid_twists(tested.places, tested.places[0])
     scale = np.sqrt(tested.stiffness.diagonal())
@@ -59,6 +62,7 @@ def test_the_stiffness_is_symmetric_semidefinite_and_free_of_rigid_motions(teste
     )
 
 
+@pytest.mark.extended
 def test_any_interface_may_be_at_rest():
     """All rigid: the same body, another factorization on another mesh."""
     one, other = (
@@ -74,6 +78,7 @@ def test_any_interface_may_be_at_rest():
     assert mass == pytest.approx(weight, abs=2e-3 * np.abs(mass).max())
 
 
+@pytest.mark.extended_for("distributed")
 def test_a_blocks_compliance_is_the_two_ended_experiments(tested):
     """The third interface unloaded: of even tractions it is not there at all; a rigid one stiffens its own face."""
     pair = run_experiment(
@@ -94,6 +99,7 @@ def test_a_blocks_compliance_is_the_two_ended_experiments(tested):
     assert np.linalg.inv(held) == pytest.approx(block, abs=1e-9 * scale.max())
 
 
+@pytest.mark.extended
 def test_each_interface_has_a_coupling_of_its_own():
     """One pad evenly loaded, the other rigid: between all rigid and all even, each for its own face."""
     tops = {
@@ -125,6 +131,7 @@ def test_each_interface_has_a_coupling_of_its_own():
     assert (np.abs(own - soft)[even_tilt] < 0.4 * gap[even_tilt]).all()
 
 
+@pytest.mark.extended_for("distributed")
 def test_names_and_matrices_are_kept(tested, tmp_path):
     tested.save(tmp_path / "bracket.npz")
     again = load_experiment(tmp_path / "bracket.npz", fields=False)

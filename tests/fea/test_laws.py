@@ -16,6 +16,8 @@ from stiffscope.fea.solution import solve_specimen
 from stiffscope.fea.specimen import face_areas
 from tests.fea.shapes import STEEL
 
+pytestmark = pytest.mark.slow
+
 
 def respond(specimen, mesh, kind="rigid"):
     """Flexibility of a mesh, its own volume and areas taken for the solid's."""
@@ -59,6 +61,7 @@ KINDS = (
 )  # whose constraints depend on the place too
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("factor", [3.7])
 def test_lengths_scale_stretch_by_one_and_rotations_by_three_powers(
@@ -74,6 +77,7 @@ def test_lengths_scale_stretch_by_one_and_rotations_by_three_powers(
     )
 
 
+@pytest.mark.extended_for("2.5")
 @pytest.mark.parametrize("factor", [2.5])
 def test_moduli_scale_everything_inversely(stub, plain, factor):
     specimen, mesh = stub

@@ -27,6 +27,8 @@ from stiffscope.fea.solvers import factorize_matrix
 from stiffscope.fea.spaces import ElementTetCubic, cell_bases
 from tests.fea.shapes import DENSITY, box, cylinder, isotropic
 
+pytestmark = pytest.mark.slow
+
 E_MODULUS = 211e9
 NO_CONTRACTION = isotropic(
     E_MODULUS, E_MODULUS / 2
@@ -105,6 +107,7 @@ def test_the_cubic_functions_mass_is_that_of_their_moments(stub):
     assert np.abs(cubics @ fields - expected).max() < 1e-9 * np.abs(expected).max()
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("interface", ["rigid", "distributed"])
 def test_modes_are_lanczoss(stub, interface):
     """Clamped, and of the rigid interface held besides: nodes that do not move; ARPACK on the assembled matrices."""
@@ -141,6 +144,7 @@ def test_modes_are_lanczoss(stub, interface):
     assert (fixed[:6] >= squares[:6]).all()
 
 
+@pytest.mark.extended
 def test_a_large_part_is_worked_on_in_portions_with_the_same_result(stub, monkeypatch):
     def results():
         levels = levels_of(stub, solver="multigrid")
@@ -172,6 +176,7 @@ def test_directions_that_depend_on_others_are_left_out(rng):
     assert (basis @ turn).T @ (basis @ turn) == pytest.approx(np.eye(5), abs=1e-9)
 
 
+@pytest.mark.extended
 def test_a_uniform_bar_rings_as_waves_say():
     """Quarter waves of torsion and of stretch: c / 4L; without contraction a bar's stretch is that of its fibres."""
     length = 0.1
@@ -224,6 +229,7 @@ def test_a_needle_rings_as_a_slender_beam():
     assert off.max() < 2e-3
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(
     "part",
     [box(0.1, 0.03, 0.02), pytest.param(cylinder(0.12, 0.01), marks=pytest.mark.long)],
@@ -320,6 +326,7 @@ def test_a_beams_weight_by_reciprocity_is_its_deflection_line(cantilever):
     )  # three eighths of the weight at the tip
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(
     "settings",
     [
@@ -344,6 +351,7 @@ def test_whatever_holds_the_part_its_mass_is_the_same(settings):
     assert (found.frequency_error < 0.03 * found.frequencies).all()
 
 
+@pytest.mark.extended
 def test_the_number_of_modes_is_chosen_directly_or_by_a_frequency(stub, monkeypatch):
     monkeypatch.setattr(stiffscope.fea.dynamics, "MOST_MODES", 16)
     levels = levels_of(stub)

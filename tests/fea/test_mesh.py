@@ -18,9 +18,16 @@ from stiffscope.fea.refine import bisect, grade
 from stiffscope.fea.run import run_experiment, specimen_of
 from stiffscope.fea.settings import Settings
 from stiffscope.fea.singular import fixed_exponent, free_exponent, singular_edges
-from stiffscope.fea.specimen import face_areas, interface_error, mesh_specimen
+from stiffscope.fea.specimen import (
+    _best_mesh,
+    face_areas,
+    interface_error,
+    mesh_specimen,
+)
 from tests.fea.shapes import box
 from tests.validation import parts
+
+pytestmark = pytest.mark.slow
 
 
 def changed(surface, **changes):
@@ -97,6 +104,7 @@ def test_exponents_are_williamss():
     assert (np.diff(fixed_exponent(np.radians(np.arange(150, 361)))) < 0).all()
 
 
+@pytest.mark.extended
 def test_a_traction_is_singular_where_it_ends_in_a_plane_only():
     part = parts.strip()
     mesh = mesh_specimen(
@@ -122,6 +130,26 @@ def test_an_interface_out_of_place_or_lost_is_an_error(stub):
     assert interface_error(specimen, lost) == (np.inf, np.inf)
 
 
+def test_a_mesh_without_an_interface_is_made_again_however_late(stub, monkeypatch):
+    specimen, mesh = stub
+    lost = replace(mesh, facet_face=np.where(mesh.facet_face == 1, 2, mesh.facet_face))
+    meshes = [lost, mesh]
+    monkeypatch.setattr(
+        "stiffscope.fea.specimen.tetrahedralize", lambda **_: (mesh.points, mesh.cells)
+    )
+    monkeypatch.setattr("stiffscope.fea.specimen.snap", lambda *_: meshes.pop(0))
+    found = _best_mesh(
+        specimen=specimen,
+        size=0.01,
+        envelope=1e-4,
+        time_limit=60.0,
+        threads=1,
+        patience=0.0,
+    )
+    assert found is mesh
+
+
+@pytest.mark.extended
 @pytest.mark.parametrize(
     ("patch", "area"), [(parts.strip, 0.03 * 0.02), (parts.disc, np.pi * 0.008**2)]
 )

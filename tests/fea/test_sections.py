@@ -15,6 +15,8 @@ from stiffscope.fea.beam import restrained_torsion, timoshenko
 from stiffscope.fea.run import run_experiment
 from stiffscope.fea.settings import Settings
 
+pytestmark = pytest.mark.slow
+
 E = STEEL.youngs_modulus
 G = STEEL.shear_modulus
 LENGTH = 0.3

@@ -16,6 +16,8 @@ from stiffscope.fea.settings import Settings
 from stiffscope.fea.solution import solve_specimen
 from stiffscope.fea.specimen import mesh_specimen, shape_error
 
+pytestmark = pytest.mark.slow
+
 LENGTH = 0.2
 RADIUS = 0.01
 ORDER = np.array(
@@ -45,6 +47,7 @@ def rod():
     )
 
 
+@pytest.mark.extended
 def test_rod_in_tension_torsion_and_bending_has_the_derivatives_of_the_closed_form(rod):
     _, experiment, found = rod
     e = 211e9
@@ -170,6 +173,7 @@ def test_features_that_meet_or_vanish_have_no_derivative(rod):
         DesignVelocity(experiment.mesh, part).measure_velocity(other, 1e-4)
 
 
+@pytest.mark.extended
 def test_a_mesh_moves_along_with_a_small_change_and_not_with_a_large_one(rod):
     part, experiment, _ = rod
     settings = Settings(layers=1, size=0.010)
@@ -208,6 +212,7 @@ FILLETED = slider.SliderParameters(
 )
 
 
+@pytest.mark.extended
 def test_the_mesh_of_a_filleted_slider_follows_its_cad_whatever_changes():
     """Where a fillet is tangent to plate and rib, nodes belong to both faces and go with the line between them."""
     part = build(FILLETED)

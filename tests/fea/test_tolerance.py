@@ -22,6 +22,8 @@ from tests.fea.conftest import PLATE
 from tests.fea.shapes import CLAMPED, box, cylinder, isotropic
 from tests.fea.test_experiment import REFERENCE, pick
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def tight():
@@ -45,6 +47,7 @@ def test_refinement_is_local_and_keeps_the_shape(tight, plate):
     assert len(tight.mesh.cells) < 10 * len(plate.mesh.cells)
 
 
+@pytest.mark.extended
 def test_what_cannot_be_met_is_said_and_saved(tmp_path):
     experiment = run_experiment(
         PLATE, Settings(tolerance=1e-4, most_unknowns=60_000), whole=False
@@ -55,6 +58,7 @@ def test_what_cannot_be_met_is_said_and_saved(tmp_path):
     assert load_experiment(tmp_path / "plate.npz").note == experiment.note
 
 
+@pytest.mark.extended
 def test_a_refined_mesh_that_cannot_be_solved_leaves_the_last_one(monkeypatch):
     def solve(specimen, mesh, *rest):
         if meshes:
@@ -71,6 +75,7 @@ def test_a_refined_mesh_that_cannot_be_solved_leaves_the_last_one(monkeypatch):
     )
 
 
+@pytest.mark.extended
 def test_a_soft_foundation_adds_the_springs_of_statics():
     """Far softer than the bar, the foundation's traction is linear: 1 / kA, 1 / kJ and 1 / kI, carried to the tip."""
     k = 1e10
@@ -122,6 +127,7 @@ def test_no_bound_without_convergence(monkeypatch):
         run_experiment(rubber, Settings(size=0.03), whole=False)
 
 
+@pytest.mark.extended
 def test_superelement_is_free_and_is_the_part_when_held(plate):
     found = free_superelement(plate)
     modes = np.zeros((len(found.stiffness), 6))

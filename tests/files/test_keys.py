@@ -7,19 +7,29 @@ import pytest
 from stiffscope.cli.main import cli
 from stiffscope.errors import InputError
 from stiffscope.files.keys import all_keys, find_keys
+from stiffscope.gap.campaign.kinds import KINDS
+from stiffscope.gap.campaign.quantities import names_of
+
+pytestmark = pytest.mark.slow
 
 
 def test_every_key_says_what_it_means_and_takes():
     every = all_keys()
     assert set(every) == {"robot", "study", "job", "campaign"}
-    for kind, titles in every.items():
+    for titles in every.values():
         for title, rows in titles.items():
             assert rows, title
             assert all(row.means for row in rows), title
-            if kind != "campaign" and title != "[[effects]]":
+            if title not in {"[[effects]]", "quantities at M", "effects"}:
                 assert all(
                     row.takes and "any value" not in row.takes for row in rows
                 ), title
+
+
+def test_quantities_are_those_of_the_kinds_of_readings():
+    rows = all_keys()["campaign"]["quantities at M"]
+    firsts = [names_of(kind)[0] for kind in KINDS if names_of(kind)]
+    assert [row.key.split()[0] for row in rows] == firsts
 
 
 def test_a_key_of_two_meanings_has_that_of_its_section():

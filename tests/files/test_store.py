@@ -13,6 +13,8 @@ from stiffscope.cli.main import _guarded, cli
 from stiffscope.registry import commands as registered_commands
 from stiffscope.runtime.cache import Cache, digest
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture
 def root(tmp_path, monkeypatch):
@@ -189,6 +191,7 @@ NARROW = [
 ]
 
 
+@pytest.mark.extended
 def test_eighty_columns_of_ascii(tmp_path):
     """In a terminal of 80 columns that knows ASCII alone: nothing wider, no colour, no letter beyond."""
     surroundings = {

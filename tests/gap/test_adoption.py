@@ -126,14 +126,14 @@ def test_what_must_not_be_overwritten(tmp_path, robot):
     for target, message in (
         (
             tmp_path,
-            "--adopt .*: expected a file that is not there yet, got one that is",
+            "--adopt: .*: expected a file that is not there yet, got one that is",
         ),
-        (tmp_path / "no" / "a.toml", "--adopt .*no/a.toml: cannot be written"),
+        (tmp_path / "no" / "a.toml", "--adopt: .*no/a.toml: cannot be written"),
         (Path(robot.path), "expected a file that is not there yet"),
         (tmp_path / "text.toml", "expected a file that is not there yet"),
     ):
         with pytest.raises(InputError, match=message):
             check_target(target, robot)
-    with pytest.raises(InputError, match="predictions instead of a robot"):
+    with pytest.raises(InputError, match="predictions instead of one"):
         check_target(tmp_path / "a.toml", None)
     check_target(tmp_path / "a.toml", robot)

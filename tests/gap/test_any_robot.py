@@ -29,6 +29,8 @@ from tests.benchmarks.second_lab import campaign_of
 from tests.gap.test_robot_model import nominal, readings
 from tests.labs import machine
 
+pytestmark = pytest.mark.slow
+
 SHARED = Path(__file__).parents[1] / "vjm" / "robots"
 
 
@@ -84,6 +86,7 @@ def resized(robot, length, stiffness):
     return replace(robot, mechanism=mechanism)
 
 
+@pytest.mark.extended_for("1-3", "3-1", "5-1")
 @pytest.mark.parametrize(("number", "seed"), [(0, 1), (1, 3), (3, 1), (5, 1), (6, 1)])
 def test_a_robot_of_another_size_and_stiffness_gets_the_same_answer(number, seed):
     """Loads, readings and noise in proportion: no effect has a favourite size."""
@@ -149,6 +152,7 @@ def sagged(robot, true, noise=5e-6, middle=None, spread=(0.1, 0.4)):
     )
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(
     ("effect", "place", "parameters"),
     [
@@ -194,6 +198,7 @@ def test_geometry_and_masses_have_no_favourite_size(effect, place, parameters):
         assert answer == (answers[0][0], pytest.approx(answers[0][1], abs=0.1))
 
 
+@pytest.mark.extended
 def test_a_mass_that_no_reading_shows_leaves_its_effect_named():
     """On a strut hung in its fixed foot only moments about the foot show, and these are what is reported."""
     robot = nominal(SHARED / "stewart.toml")
@@ -346,6 +351,7 @@ def test_gauges_and_a_hook_name_a_soft_element(name, effect, place, size, spread
     assert sum(shares.values()) == pytest.approx(1.0)
 
 
+@pytest.mark.extended
 def test_the_gap_lies_where_its_cause_is_named():
     """A first drive that yields is also a base that turns about the same axis."""
     robot = nominal("serial-arm")

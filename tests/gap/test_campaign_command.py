@@ -10,6 +10,8 @@ from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.robot.library import robot_names
 from stiffscope.robot.reader import load_robot
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.mark.parametrize("name", sorted(robot_names()))
 def test_the_template_of_every_robot_is_a_plan_within_reach(tmp_path, name):

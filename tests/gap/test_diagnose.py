@@ -25,6 +25,8 @@ from tests.labs import FEA_SLIDER, biglide, default_plan, measure, with_slider
 from tests.labs import PLACES as FORMER_PLACES
 from tests.robots import nominal_robot
 
+pytestmark = pytest.mark.slow
+
 ROBOT = nominal_robot()
 
 SOFT = ("actuator-stiffness", "limb1", {"factor": 0.8})
@@ -158,6 +160,7 @@ def test_a_pitch_error_grows_with_the_way_of_its_own_drive():
     assert not stage[c.kind == 0].any()
 
 
+@pytest.mark.extended_for("encoder-offset", "thermal")
 @pytest.mark.parametrize(
     "effect",
     [
@@ -185,6 +188,7 @@ def test_an_effect_is_named_with_its_size(effect):
             assert abs(fit.value - parameters[name]) < 4 * fit.sigma
 
 
+@pytest.mark.extended_for("joints")
 @pytest.mark.parametrize(
     "place", ["joints", pytest.param("limb2.link2.joint_b", marks=pytest.mark.long)]
 )
@@ -207,6 +211,7 @@ def test_a_bearing_that_yields_nearly_alike_along_its_axis_has_intervals_that_ho
             assert low <= value <= high
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(
     "seed",
     [11, *(pytest.param(k, marks=pytest.mark.long) for k in (5, 6, 7, 8, 9, 10, 12))],
@@ -224,6 +229,7 @@ def test_a_tool_that_turns_about_one_oblique_axis_blames_nothing_else(seed):
     assert values["rxry"] == pytest.approx(1e-7, rel=0.3)
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("coupled", [{}, {"rxry": 6e-8}])
 def test_rotations_are_coupled_where_the_readings_ask_for_it(coupled):
     """A tool that turns about axes of its own: nine values, of which two couplings are none; else six."""
@@ -248,6 +254,7 @@ def test_rotations_are_coupled_where_the_readings_ask_for_it(coupled):
         )
 
 
+@pytest.mark.extended
 def test_the_same_answer_after_shuffling_rows_doubling_the_label_and_outliers():
     plain = campaign(SOFT)
     order = np.random.default_rng(1).permutation(len(plain))
@@ -281,12 +288,14 @@ def test_the_same_answer_after_shuffling_rows_doubling_the_label_and_outliers():
         )
 
 
+@pytest.mark.extended
 def test_no_gap_and_missing_gravity():
     assert diagnose_campaign(campaign(), ROBOT).verdict == "no-gap"
     without = diagnose_campaign(campaign(modelled=()), ROBOT)
     assert (without.verdict, named(without)) == ("identified", {"gravity @ robot"})
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(
     ("fault", "place", "parameters"),
     [
@@ -320,6 +329,7 @@ def test_a_single_part_has_a_name_of_its_own():
     assert 1.0 / found.parameters["factor"].value == pytest.approx(3.0, rel=0.02)
 
 
+@pytest.mark.extended
 def test_fea_against_beam_is_found_as_the_slider_entry_by_entry():
     solid = FEA_SLIDER
     machine = with_slider(biglide(), solid)
@@ -384,6 +394,7 @@ def test_the_nominal_robot_crosses_to_a_worker():
     )
 
 
+@pytest.mark.extended
 def test_a_group_that_is_certain_is_identified_with_a_measurement_that_separates_it():
     data = to_json(
         diagnose_campaign(
@@ -400,6 +411,7 @@ def test_a_group_that_is_certain_is_identified_with_a_measurement_that_separates
     assert data["next_measurement"]["expected_gain"] > 1.0
 
 
+@pytest.mark.extended
 def test_what_would_widen_the_gap_is_not_named(tmp_path):
     """A soft drive under an unknown cause as large: sets that follow details of it are far from the readings."""
     rng = np.random.default_rng(12)
@@ -441,6 +453,7 @@ def test_what_would_widen_the_gap_is_not_named(tmp_path):
     }
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("noise", [1e-7, 1e-9])
 def test_no_alternative_to_a_large_effect_leaves_more_than_no_effect(noise):
     """A compliance of all sliders did: its fit beside a discrepancy followed details."""
@@ -457,6 +470,7 @@ def test_no_alternative_to_a_large_effect_leaves_more_than_no_effect(noise):
     )
 
 
+@pytest.mark.extended
 def test_backlash_of_a_drive_with_two_slopes_is_found_adopted_and_predicted():
     """The stage hardens as its file says; its backlash is found, adopted, and found no more."""
     curve = 'stage.actuator.drive={ curve = [["3 um", "36 N"], ["12 um", "216 N"]] }'

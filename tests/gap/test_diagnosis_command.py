@@ -24,6 +24,8 @@ from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.statics.yielding import Load, respond
 from tests.labs import biglide, default_plan
 
+pytestmark = pytest.mark.slow
+
 POSE = ("x", "y", "z", "rx", "ry", "rz")
 
 
@@ -143,6 +145,7 @@ def test_an_adopted_effect_closes_the_gap(soft_drive, tmp_path, capsys):
     )
 
 
+@pytest.mark.extended
 def test_pictures_of_a_diagnosis_are_kept(soft_drive, tmp_path):
     """The same readings show the same; others, whose answer is the same, have figures of their own."""
     other = tmp_path / "other"
@@ -226,14 +229,14 @@ def test_gravity_and_expansion_come_from_the_robot_file(tmp_path):
             ["nosuch"],
             "no such campaign; give a folder with a campaign.toml or one of the names",
         ),
-        (["published", "--adopt", "robot.toml"], "predictions instead of a robot"),
+        (["published", "--adopt", "robot.toml"], "predictions instead of one"),
         (
             ["SOFT", "--adopt", "notes.toml"],
-            "--adopt notes.toml: expected a file that is not there yet, got one that is",
+            "--adopt: notes.toml: expected a file that is not there yet, got one that is",
         ),
         (
             ["SOFT", "--adopt", "nosuch/robot.toml"],
-            "--adopt nosuch/robot.toml: cannot be written",
+            "--adopt: nosuch/robot.toml: cannot be written",
         ),
         (
             ["NOROBOT"],
@@ -266,6 +269,7 @@ def test_bad_input_writes_nothing(
     assert tomllib.loads((tmp_path / "notes.toml").read_text()) == {"a": 1}
 
 
+@pytest.mark.extended
 def test_backlash_of_a_rotary_drive_with_two_slopes_is_found_adopted_and_found_no_more(
     tmp_path, monkeypatch
 ):

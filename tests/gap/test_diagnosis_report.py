@@ -16,6 +16,8 @@ from stiffscope.report.figures import save_figure
 from stiffscope.report.run_report import Draft
 from tests.report.test_terminal import diagnosed
 
+pytestmark = pytest.mark.slow
+
 HOSTILE = "<script>alert(1)</script>\"'>&amp;<img onload=f()>"
 MATHEMATICS = r"$\frac{1$ A_1^"
 

@@ -17,6 +17,8 @@ from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
 
+pytestmark = pytest.mark.slow
+
 SOFT = Fault("actuator-stiffness", "left.motor", {"factor": 0.8})
 
 
@@ -38,6 +40,17 @@ def diagnose(lab, faults, style, folder):
     }
 
 
+@pytest.mark.extended_for(
+    "alone-fault1-tool",
+    "alone-fault2-gauges",
+    "alone-fault3-tool",
+    "alone-fault4-gauges",
+    "beside a soft drive-fault0-gauges",
+    "beside a soft drive-fault1-tool",
+    "beside a soft drive-fault2-gauges",
+    "beside a soft drive-fault3-tool",
+    "beside a soft drive-fault4-gauges",
+)
 @pytest.mark.parametrize(
     ("fault", "style"),
     [
@@ -63,6 +76,7 @@ def test_an_instrument_at_fault_is_named(fault, style, beside, lab, tmp_path):
         )
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(
     "other",
     [
@@ -108,6 +122,7 @@ def test_a_slip_that_other_causes_hide_is_found_beside_them(lab, tmp_path):
     assert again.doubt_again((*known, (step, (2e-5,)))) is None
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("every", [5, 7, 9])
 def test_few_readings_without_sigma_name_their_cause(every, lab, tmp_path):
     """The joint fit of all effects has more columns than there are readings: 70, 50 and 40 of five gauges."""

@@ -9,6 +9,8 @@ from stiffscope.robot.library import find_robot
 from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.statics.analysis import stiffness
 
+pytestmark = pytest.mark.slow
+
 TEXT = find_robot("biglide").read_text(encoding="utf-8")
 BASE = 'effect = "base-compliance"\nplace = "base"'
 SLIDERS = 'effect = "slider-compliance"\nplace = "sliders"'

@@ -63,6 +63,7 @@ def test_what_is_far_too_large_is_doubted_and_refused(
         diagnose(folder)
 
 
+@pytest.mark.extended
 def test_a_place_too_far_for_a_robot_is_doubted_and_said(tmp_path):
     folder = changed(tmp_path, "campaign.toml", '[0, 0, "-1124 mm"]', '[0, 0, "-60 m"]')
     text = remarks(folder)["place"]

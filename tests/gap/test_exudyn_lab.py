@@ -21,6 +21,8 @@ from stiffscope.robot.reader import load_robot, read_robot
 from stiffscope.runtime.workshop import workshop
 from tests.labs import GUIDES
 
+pytestmark = pytest.mark.slow
+
 pytest.importorskip("exudyn")
 
 POSES = 2

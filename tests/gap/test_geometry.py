@@ -13,6 +13,8 @@ from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.nominal import NominalRobot
 from tests.benchmarks.humanoid import draw, hands, links, write_campaign
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def humanoid(tmp_path_factory):
@@ -91,6 +93,7 @@ def test_derivatives_of_an_axis_are_those_of_its_exact_errors(humanoid):
             )
 
 
+@pytest.mark.extended
 def test_an_adopted_geometry_leaves_the_gap_that_it_explains(tmp_path):
     """Diagnosed again with the same campaign: what was explained is the gap now, and there is no other."""
     folder = write_campaign(tmp_path / "c", 1, soft=False, camera=False, poses=60)

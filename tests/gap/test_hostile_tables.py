@@ -16,6 +16,8 @@ from stiffscope.gap.show.campaign import campaign_json
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.table import MOST_BYTES
 
+pytestmark = pytest.mark.slow
+
 openpyxl = pytest.importorskip("openpyxl")
 COLUMNS = ("x", "y", "z", "quantity", "value", "sigma")
 ROW = (0, 0, 0.35, "ez", 1e-5, 1e-6)
@@ -170,6 +172,7 @@ SHEETS = {
 }
 
 
+@pytest.mark.extended_for("many empty rows")
 @pytest.mark.parametrize("name", SHEETS)
 def test_a_malformed_sheet_is_refused(tmp_path, name):
     workbook(tmp_path, ("one", "visible", [COLUMNS, ROW]))

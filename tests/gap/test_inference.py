@@ -34,6 +34,8 @@ from stiffscope.gap.inference.settings import FIT, PRIORS
 from stiffscope.gap.inference.verdict import shares
 from tests.gap.synthetic import LinearModel, LinearPrediction, linear_model
 
+pytestmark = pytest.mark.slow
+
 SIZES = np.array(FIT.sizes)
 
 
@@ -424,6 +426,7 @@ def test_one_known_and_one_unknown_cause_are_partly_explained():
     assert sum(inside) >= 6
 
 
+@pytest.mark.extended
 def test_readings_that_scatter_more_than_stated_have_wider_intervals():
     inside = []
     for seed in range(8):
@@ -496,6 +499,7 @@ def lawful(diagnosis):
             pytest.fail(verdict)
 
 
+@pytest.mark.extended_for("9")
 @pytest.mark.parametrize("seed", range(10))
 def test_verdicts_agree_with_their_numbers_and_copies_change_nothing(seed):
     """Random campaigns, from none to four effects of any size, with an unknown cause or without, and twice over."""

@@ -238,6 +238,7 @@ def test_a_base_turn_is_not_told_from_a_first_zero():
     assert f"encoder-offset @ {first}" not in names
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("size", [0.0, 5e-3])
 def test_a_diagnosis_by_an_unknown_tracker(size):
     robot = nominal("serial-arm")

@@ -20,6 +20,8 @@ from stiffscope.gap.inference.fitting import Problem
 from stiffscope.gap.inference.priors import Spreads
 from stiffscope.gap.planning.experiment_design import next_measurement
 
+pytestmark = pytest.mark.slow
+
 PUBLISHED = load_campaign(
     Path(__file__).parents[2] / "data" / "campaigns" / "published"
 )
@@ -78,6 +80,17 @@ def test_published_experiment_is_one_scale_not_gravity():
     assert gravity.probability < 1e-4
 
 
+@pytest.mark.extended_for(
+    "options1-truth1-False",
+    "options2-truth2-False",
+    "options3-truth3-False",
+    "options3-truth3-True",
+    "options4-truth4-False",
+    "options4-truth4-True",
+    "options5-truth5-False",
+    "options6-truth6-False",
+    "options6-truth6-True",
+)
 @pytest.mark.parametrize("stated", [True, False])
 @pytest.mark.parametrize(
     ("options", "truth"),

@@ -254,12 +254,12 @@ def test_a_pose_that_lost_its_readings_has_no_row():
 WRONG = {
     "a key that is none": (
         {"averages": "average"},
-        "campaign.toml:9: responses.tap.average: expected one of file, pose",
+        "campaign.toml:9: responses.tap.average: expected a known key (file, pose",
     ),
     "a file that is not there": ({'"tap.csv"': '"tip.csv"'}, "campaign.toml:5: "),
     "a pose and joints": (
         {"averages": 'pose = "home"\naverages'},
-        "expected either pose or joints, one of the two",
+        "expected one of pose, joints, got pose and joints",
     ),
     "a pose of another robot": (
         {"joints = {}": 'pose = "Q1"'},
@@ -307,7 +307,7 @@ WRONG = {
     ),
     "a quantity that is none": (
         {'"receptance"': '"inertance"'},
-        "responses.tap.quantity: expected one of receptance, mobility, accelerance",
+        "responses.tap.quantity: expected 'receptance', 'mobility' or 'accelerance'",
     ),
     "a channel without a sign or axis": (
         {"3:-y": "3"},

@@ -32,6 +32,8 @@ from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
 
+pytestmark = pytest.mark.slow
+
 WITHHELD = Path(__file__).parents[2] / "data" / "withheld"
 OF_NUMBERS = {"unit", "sensor-sign", "sensor-step"}
 
@@ -283,6 +285,7 @@ def test_a_stuck_or_empty_plan_is_no_doubt(labs, tmp_path):
     )
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize("cases", [5, pytest.param(20, marks=pytest.mark.long)])
 def test_faults_of_the_robot_raise_no_doubts_of_its_instruments(cases, labs, tmp_path):
     """Of drawn cases at most one channel in a hundred is doubted, never for its unit, sign or constancy."""

@@ -120,29 +120,6 @@ def measure(nominal, robot, pose, values, rng=None, noise=NOISE):
     return MeasuredResponses(setup, tuple(responses), POINTS, np.eye(3), found, ())
 
 
-def empty(robot):
-    """A campaign without readings."""
-    none = np.zeros(0, dtype=np.int64)
-    return Campaign(
-        robot=robot.name,
-        modelled=None,
-        components=None,
-        pose_names=(),
-        poses=np.zeros((0, 6)),
-        pose=none,
-        wrench=np.zeros((0, 6)),
-        quantity=none,
-        value=np.zeros(0),
-        sigma=np.zeros(0),
-        session_names=(),
-        session=none,
-        files=(),
-        file=none,
-        line=none,
-        coordinates=tuple(robot.tool.pose),
-    )
-
-
 @pytest.fixture(scope="module")
 def stewart():
     robot = load_robot("stewart")
@@ -160,6 +137,7 @@ def state_of(stewart, hertz, **more):
         frequency=hertz,
         value=np.ones((count, len(hertz)), dtype=complex),
         sigma=np.full((count, len(hertz)), 1e9),  # nothing to fit damping to
+        noise=np.full((count, len(hertz)), 1e9),
         damping=1e-5,
     )
     exact = NuisanceSettings(static=1e3)  # inertial loads of all modes
@@ -292,7 +270,10 @@ def diagnose_struck(stewart, rng, mechanism, **more):
         for pose in POSES
     ]
     return diagnose_campaign(
-        empty(robot), NominalRobot(nominal, robot), None, responses
+        Campaign.without_readings(robot.name, coordinates=tuple(robot.tool.pose)),
+        NominalRobot(nominal, robot),
+        None,
+        responses,
     )
 
 

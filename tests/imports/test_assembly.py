@@ -22,17 +22,21 @@ from stiffscope import cad
 from stiffscope.cad.assembly import read_assembly
 from stiffscope.cad.built_assembly import read_built
 from stiffscope.cad.contacts import find_contacts
+from stiffscope.cad.materials import MATERIALS
 from stiffscope.errors import InputError
 from stiffscope.imports.assembly_parts import choose_materials
 from stiffscope.imports.contact_joints import find_joints
 from stiffscope.imports.hardware import find_hardware
 from stiffscope.imports.import_assembly import from_assembly, import_assembly
 from stiffscope.imports.loaded_patches import find_patches
+from stiffscope.imports.part_estimates import estimate_part
 from stiffscope.imports.said import Said, said_beside
 from stiffscope.robot.inspection import inspect_robot
 from stiffscope.robot.reader import load_robot
 from tests.experiments.one_part import write_bar
 from tests.imports import assemblies
+
+pytestmark = pytest.mark.slow
 
 STANDING = {  # place (mm, degrees), unit and whether solids have names
     "five-bar": ((13.7, -220.3, 71.1), (31, -47, 113), "MM", True),
@@ -47,6 +51,7 @@ STANDING = {  # place (mm, degrees), unit and whether solids have names
 }
 
 
+@pytest.mark.extended_for("3-prs", "delta", "dovetail", "finger", "hexapod", "slider")
 @pytest.mark.parametrize("machine", STANDING)
 def test_every_joint_is_found_and_none_invented(machine, tmp_path):
     where, turns, unit, named = STANDING[machine]
@@ -72,6 +77,56 @@ def test_details_of_real_machines_make_the_joints_that_they_are(machine):
     doubts = _check(made, solids, place)
     laid = sum("taken as fixed" in doubt.text for doubt in doubts)
     assert laid == (2 if machine is assemblies.case else 0)
+
+
+def test_solids_that_differ_by_a_translation_share_a_product(tmp_path):
+    """Brackets drawn where they stand: two alike, and one in a mirror."""
+
+    def bracket(x, side):
+        foot = b.Pos(x, 0, 0) * b.Box(30, 20, 4)
+        hole = b.Pos(x + side * 8, 5, 0) * b.Cylinder(3, 10)
+        return (foot - hole).solid()
+
+    drawn = [bracket(0, 1), bracket(50, 1), bracket(100, -1)]
+    for name, each in zip("abc", drawn, strict=True):
+        each.label = name
+    b.export_step(b.Compound(children=drawn), tmp_path / "three.step")
+    one, two, three = read_assembly(tmp_path / "three.step")
+    assert one.product is two.product
+    assert three.product is not one.product
+    for own, each in zip(drawn, (one, two, three), strict=True):
+        box = own.bounding_box()
+        assert 1e3 * each.box == pytest.approx(np.array([[*box.min], [*box.max]]))
+        off = cad.kernel.distance(each.solid, np.array([*own.vertices()[5]]))
+        assert off < 1e-6
+
+
+@pytest.mark.parametrize(("free", "role"), [(4, "pin"), (40, None)])
+def test_a_pin_that_is_free_between_its_bores_is_a_part_that_bends(free, role):
+    """Two plates of 10 mm on a pin of 8 mm in diameter: 40 mm between them are five diameters."""
+    hole = b.Cylinder(4, 100)
+    plates = [b.Pos(0, 0, z) * b.Box(40, 40, 10) - hole for z in (0, 10 + free)]
+    pin = b.Pos(0, 0, 0.5 * (10 + free)) * b.Cylinder(4, 20 + free)
+    children = [each.solid() for each in (*plates, pin)]
+    for name, each in zip(("low", "high", "pin"), children, strict=True):
+        each.label = name
+    solids = read_built(b.Compound(children=children), "two plates", [])[0]
+    hardware = find_hardware(solids, find_contacts(solids), {})
+    assert hardware.roles.get(2) == role
+
+
+def test_sheet_metal_is_softer_than_a_bar_of_its_extents():
+    """A square bar has one estimate; a channel of 1 mm is estimated by its wall, too."""
+    bar = b.Box(100, 10, 10).solid()
+    channel = (b.Box(100, 30, 30) - b.Pos(0, 0, 1) * b.Box(100, 28, 30)).solid()
+    bar, channel = read_built(b.Compound(children=[bar, channel]), "two", [])[0]
+    steel = MATERIALS["steel"]
+    found = estimate_part(bar, steel)
+    tip = 4 * 0.1**3 / (steel.youngs_modulus * 0.01**4)
+    assert found.compliance == pytest.approx(tip, rel=1e-3)
+    assert found.wall == pytest.approx(found.compliance, rel=0.25)  # its ends count
+    found = estimate_part(channel, steel)
+    assert found.wall > 20 * found.compliance
 
 
 def _place_solids(made, place, named=True):
@@ -158,6 +213,7 @@ def test_a_bearing_of_rings_and_balls_turns(tmp_path):
     assert joint.kind == "revolute"
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(
     ("name", "kind", "doubts"),
     [("", "revolute", 1), ("Bolzen", "revolute", 0), ("M8", "fixed", 0)],
@@ -360,16 +416,13 @@ def test_joints_of_build123d_are_taken_as_they_are(kind, tmp_path):
     )
     machine.locate(place)
     if kind == "Rigid":
-        with pytest.raises(
-            InputError, match="expected a tool that joints let move, got plate"
-        ):
-            from_assembly(
-                machine,
-                tmp_path / "m.toml",
-                material={"*": "steel"},
-                ground="foot",
-                tool="plate",
-            )
+        said = {"material": {"*": "steel"}, "ground": "foot"}
+        refused = "expected a tool that joints let move, .* imports a frame"
+        with pytest.raises(InputError, match=refused):
+            from_assembly(machine, tmp_path / "m.toml", **said)
+        frame = from_assembly(machine, tmp_path / "m.toml", **said, tool="block")
+        assert frame.model.pose == ()
+        assert load_robot(tmp_path / "m.toml").tool.pose == ()
         return
     found = from_assembly(
         machine,
@@ -487,6 +540,7 @@ def test_a_new_export_says_what_changed(tmp_path):
         import_assembly(tmp_path / "machine.step", out, said)
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(
     ("said", "message"),
     [
@@ -625,6 +679,7 @@ def test_bores_that_are_splines_guide(tmp_path):
     _check(made, solids, b.Location())
 
 
+@pytest.mark.extended
 def test_exponents_of_three_digits_are_read(tmp_path):
     """As older programs on Windows write them, 1.E+001."""
     assemblies.finger().write(tmp_path / "machine.step")

@@ -214,6 +214,31 @@ def test_a_mimic_joint_follows_and_leaves_its_leader_where_it_is(imported, home,
     )
 
 
+def test_the_home_of_a_mimic_joint_moves_its_leader(imported):
+    """The slide at 0.12 m = 0.5 of the shoulder + 0.02 m: the shoulder at 0.2 rad."""
+    mimic = ARM.replace(
+        '<limit lower="-0.1"',
+        '<mimic joint="shoulder" multiplier="0.5" offset="0.02"/><limit lower="-0.1"',
+    )
+    drives = ["shoulder=1 N*m/rad", "slide=1 N/m"]
+    model, robot, _ = imported(mimic, ".urdf", drives=drives, home=("slide=0.12",))
+    assert robot.joints["slide"].drive.range == pytest.approx((-0.22, 0.08))
+    assert robot.joints["shoulder"].drive.range == pytest.approx((-1.2, 1.8))
+    assert not any("instead of" in note for note in model.notes)
+
+
+def test_a_home_that_couplings_do_not_allow_is_told(imported):
+    mimic = ARM.replace(
+        '<limit lower="-0.1"',
+        '<mimic joint="shoulder" multiplier="0.5"/><limit lower="-0.1"',
+    )
+    both = ("slide=0.1", "shoulder=0.1")
+    model, _, _ = imported(mimic, ".urdf", home=both)
+    (note,) = (note for note in model.notes if "instead of" in note)
+    assert "slide at 0.06 instead of 0.1" in note
+    assert "shoulder at 0.12 instead of 0.1" in note
+
+
 @pytest.mark.parametrize(
     ("text", "suffix", "note"),
     [

@@ -49,6 +49,8 @@ from stiffscope.vjm.kinematics.configurations import configure, find_still
 from tests.labs import ARM
 from tests.robots import nominal_robot
 
+pytestmark = pytest.mark.slow
+
 ROBOT = nominal_robot()
 SLOWER = ("biglide", "delta", "orthoglide", "serial-arm", "stewart")
 GAUGES = {f"gauge{k}" for k in range(1, 6)}
@@ -170,6 +172,7 @@ def test_what_merely_spins_or_bends_one_way_is_not_held_in_the_laboratory():
     ).closed.all()
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(
     "name", ["five-bar", *(pytest.param(n, marks=pytest.mark.long) for n in SLOWER)]
 )
@@ -381,6 +384,7 @@ def scheduler():
         yield local.scheduler_address
 
 
+@pytest.mark.extended
 def test_an_interrupted_check_goes_on_and_ends_the_same(
     scheduler, tmp_path, monkeypatch
 ):
@@ -764,6 +768,7 @@ SOFT_AND_TURNED = (
 )
 
 
+@pytest.mark.extended
 def test_effects_are_exchanged_in_sets_that_are_nearly_as_good(tmp_path):
     """A part that is softer on both sides, and once more on one, stands for softer drives and a part softer on one."""
     lab = Lab(blind_robot("five-bar"))
@@ -775,6 +780,7 @@ def test_effects_are_exchanged_in_sets_that_are_nearly_as_good(tmp_path):
     }
 
 
+@pytest.mark.extended
 def test_play_in_a_passive_joint_is_no_backlash_of_a_drive(labs, tmp_path):
     lab = labs("five-bar")
     case = BlindCase(
@@ -786,6 +792,7 @@ def test_play_in_a_passive_joint_is_no_backlash_of_a_drive(labs, tmp_path):
     assert any("play at wrist" in remark for remark in found.remarks)
 
 
+@pytest.mark.extended_for("stewart-fault0-strut5.drive", "stewart-fault1-strut5.drive")
 @pytest.mark.parametrize(
     ("robot", "fault", "drive"),
     [

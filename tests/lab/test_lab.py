@@ -39,6 +39,8 @@ from tests.labs import (
     with_slider,
 )
 
+pytestmark = pytest.mark.slow
+
 ROBOTS = ("biglide", "delta", "five-bar", "orthoglide", "serial-arm", "stewart")
 SOUND = biglide()
 QUIET = Noise(displacement=0.0, rotation=0.0, stiffness=0.0, stated=None)
@@ -145,6 +147,7 @@ def poses_of(sound, count=5, seed=1):
     return default_plan(sound, np.random.default_rng(seed), poses=count).poses
 
 
+@pytest.mark.extended_for("delta", "orthoglide")
 @pytest.mark.parametrize("name", ROBOTS)
 def test_stiffness_and_sag_are_those_of_the_mechanism_engine(name):
     """Two independent mechanics: loops closed and stiffness assembled otherwise, from the same file and matrices."""

@@ -32,6 +32,8 @@ from stiffscope.runtime.workshop import workshop
 from tests.report.browser import CHROMIUM, browser
 from tests.robot.test_bearings import SLIDE
 
+pytestmark = pytest.mark.slow
+
 HOME = [0.0, 0.0, -1.0643]
 STILL = {"values": {}, "pose": HOME, "load": [0.0] * 6}
 
@@ -200,6 +202,7 @@ def test_the_robot_of_the_file_stands_before_its_parts_are_known(delta):
     assert shown == [{"solids": "<p>robot</p>"}]
 
 
+@pytest.mark.extended
 def test_new_rows_of_a_campaign_appear(delta, tmp_path):
     shutil.copytree(FOLDER / "campaigns" / "gauges", tmp_path / "gauges")
     delta.campaign = tmp_path / "gauges"
@@ -230,6 +233,7 @@ def test_new_rows_of_a_campaign_appear(delta, tmp_path):
     run(delta, work)
 
 
+@pytest.mark.extended
 @pytest.mark.skipif(
     CHROMIUM is None, reason="Chromium is missing: apt-get install chromium"
 )

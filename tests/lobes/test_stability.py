@@ -18,6 +18,8 @@ from tests.lobes.machines import flexible, machine, spring_mass
 from tests.lobes.semi_discretization import largest_multiplier
 from tests.lobes.simulation import grows
 
+pytestmark = pytest.mark.slow
+
 KT = 1e9
 PUSHED = one_direction(KT, (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
 
@@ -132,6 +134,34 @@ def _points(rng, response, cut, count):
     return points
 
 
+def check_by_simulation(rng, cut, machines, cuts, simulated):
+    """Assert that simulations call stable what the limits of random machines call so.
+
+    ``simulated``: the cut as the simulation takes it, each number for all cuts alike.
+    """
+    agreed = 0
+    told = []
+    for _ in range(machines):
+        response = flexible(rng)
+        points = _points(rng, response, cut, cuts)
+        speed, depth, stable = (np.array(each) for each in zip(*points, strict=True))
+        alike = {
+            name: value if isinstance(value, np.ndarray) else np.full(cuts, value)
+            for name, value in simulated.items()
+        }
+        grown = grows(
+            response.rates[0],
+            response.damping[0],
+            response.shapes[0, :2],
+            alike | {"speed": speed, "depth": depth},
+        )
+        agreed += int((grown != stable).sum())
+        told += list(stable)
+    assert agreed >= 98
+    assert 20 <= sum(told) <= 80
+
+
+@pytest.mark.extended_for("2-0.0005-True", "3-0.007-True", "4-0.01-True")
 @pytest.mark.parametrize(
     ("teeth", "width", "climb"),
     [
@@ -151,30 +181,15 @@ def test_simulations_in_the_time_domain_agree(teeth, width, climb):
         radial=0.3,
         climb=climb,
     )
-    agreed = 0
-    told = []
-    for _ in range(5):
-        response = flexible(rng)
-        points = _points(rng, response, cut, 20)
-        speed, depth, stable = (np.array(each) for each in zip(*points, strict=True))
-        full = np.ones(len(points))
-        swept = np.arccos(1.0 - 2.0 * width / 10e-3)
-        cuts = {
-            "teeth": full * teeth,
-            "start": full * (np.pi - swept if climb else 0.0),
-            "end": full * (np.pi if climb else swept),
-            "kt": full * 7e8,
-            "kr": full * 0.3,
-            "speed": speed,
-            "depth": depth,
-        }
-        grown = grows(
-            response.rates[0], response.damping[0], response.shapes[0, :2], cuts
-        )
-        agreed += int((grown != stable).sum())
-        told += list(stable)
-    assert agreed >= 98
-    assert 20 <= sum(told) <= 80
+    swept = np.arccos(1.0 - 2.0 * width / 10e-3)
+    simulated = {
+        "teeth": teeth,
+        "start": np.pi - swept if climb else 0.0,
+        "end": np.pi if climb else swept,
+        "kt": 7e8,
+        "kr": 0.3,
+    }
+    check_by_simulation(rng, cut, machines=5, cuts=20, simulated=simulated)
 
 
 @pytest.mark.extended
@@ -185,28 +200,8 @@ def test_simulations_of_turning_agree():
     # feed along x, the workpiece passes against y; thrust against the chip's normal
     normal = np.array([np.sin(lead), 0.0])
     force = np.array([-0.4 * np.sin(lead), -1.0]) / np.sin(lead)
-    agreed = 0
-    told = []
-    for _ in range(4):
-        response = flexible(rng)
-        points = _points(rng, response, cut, 25)
-        speed, depth, stable = (np.array(each) for each in zip(*points, strict=True))
-        full = np.ones(len(points))
-        cuts = {
-            "teeth": full,
-            "kt": 1e9 * full,
-            "normal": normal,
-            "force": force,
-            "speed": speed,
-            "depth": depth,
-        }
-        grown = grows(
-            response.rates[0], response.damping[0], response.shapes[0, :2], cuts
-        )
-        agreed += int((grown != stable).sum())
-        told += list(stable)
-    assert agreed >= 98
-    assert 20 <= sum(told) <= 80
+    simulated = {"teeth": 1.0, "kt": 1e9, "normal": normal, "force": force}
+    check_by_simulation(rng, cut, machines=4, cuts=25, simulated=simulated)
 
 
 @pytest.mark.parametrize("side", [1.0, -1.0])

@@ -23,6 +23,8 @@ from tests.gap.test_diagnosis_report import HOSTILE, Page
 from tests.report.browser import CHROMIUM, browser
 from tests.report.test_terminal import diagnosed, state
 
+pytestmark = pytest.mark.slow
+
 
 def experiment():
     matrix = np.diag([5.8e-11, 1.9e-10, 4.3e-9, 1.3e-7, 1.7e-6, 7e-9])
@@ -129,6 +131,7 @@ def shell():
     InteractiveShell.clear_instance()
 
 
+@pytest.mark.extended
 def test_every_object_shows_as_a_table(machine, shell):
     """In IPython, by the classes' names as registered; none is left out, and none is a mere repr."""
     register()
@@ -193,6 +196,7 @@ def test_a_job_is_a_bar_until_it_is_done(shell):
     assert LISTENERS.open_line("job") is silence  # outside a notebook
 
 
+@pytest.mark.extended
 @pytest.mark.skipif(
     CHROMIUM is None, reason="Chromium is missing: apt-get install chromium"
 )

@@ -14,6 +14,8 @@ from stiffscope.robot.library import find_robot
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.executor import Here
 
+pytestmark = pytest.mark.slow
+
 COARSE = (
     "slider.mesh.size=40mm",
     "slider.depth=60mm",
@@ -117,6 +119,7 @@ def test_numbers_of_absent_features_ask_for_no_new_experiment():
     assert one.key() == other.key() == order_part(load_robot("biglide"), "slider").key()
 
 
+@pytest.mark.extended
 def test_tolerance_reaches_the_experiment_and_enters_its_key(kitchen, capfd):
     loose, said = compliance(capfd)
     assert (loose["tolerance"], loose["note"], loose["cached"], said) == (
@@ -134,6 +137,7 @@ def test_tolerance_reaches_the_experiment_and_enters_its_key(kitchen, capfd):
     assert compliance(capfd, "--tolerance", f"{100 * wanted:.3g} %")[0]["cached"]
 
 
+@pytest.mark.extended
 def test_a_tolerance_that_is_not_met_is_told_in_one_line(kitchen, capfd, caplog):
     found, _ = compliance(
         capfd, "--tolerance", "1e-5", "--set", "slider.mesh.most_unknowns=9000"
@@ -143,6 +147,7 @@ def test_a_tolerance_that_is_not_met_is_told_in_one_line(kitchen, capfd, caplog)
     assert caplog.messages == [f"slider: {found['note']}"]
 
 
+@pytest.mark.extended
 def test_a_foundation_gives_way_and_the_superelement_holds_the_part(
     kitchen, capfd, tmp_path
 ):
@@ -167,6 +172,7 @@ def test_a_foundation_gives_way_and_the_superelement_holds_the_part(
     ]
 
 
+@pytest.mark.extended
 def test_pads_apart_are_shown_one_by_one(kitchen, capfd, tmp_path):
     apart = (
         "--set",

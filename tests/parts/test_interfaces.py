@@ -14,10 +14,13 @@ from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.workshop import workshop
 from tests.experiments.one_part import MATRIX, PLATE, ROD, STEP, one_part, write_bar
 
+pytestmark = pytest.mark.slow
+
 NAME = "bar 1"
 RATE = 5.0  # N/mm³
 
 
+@pytest.mark.extended
 def test_a_rod_on_a_foundation_sinks_in_by_force_over_area(tmp_path, monkeypatch):
     """1/(k A) more along x, 1/(k I) more about y; the bed is a layer of the material as deep as the rod is thick."""
     monkeypatch.setenv("STIFFSCOPE_CACHE", str(tmp_path / "cache"))

@@ -24,6 +24,8 @@ from tests.gap.test_diagnosis_report import write
 from tests.report.browser import CHROMIUM, browser
 from tests.report.test_terminal import diagnosed
 
+pytestmark = pytest.mark.slow
+
 AXE = Path(__file__).parent / "axe" / "node_modules" / "axe-core" / "axe.min.js"
 DRAWN = "document.querySelector('.robot-view').dataset.drawn === 'yes'"
 SET = """(name, value, event) => {
@@ -348,6 +350,7 @@ def test_fits_its_width_and_axe_finds_nothing(tab, report, tmp_path, of, width, 
     assert found == []
 
 
+@pytest.mark.extended
 @needs_chromium
 def test_without_webgl_a_picture_stands_in_its_place(report):
     with browser("--disable-webgl", "--disable-3d-apis") as tab:

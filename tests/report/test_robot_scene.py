@@ -25,6 +25,8 @@ from stiffscope.robot.reader import load_robot, read_robot
 from stiffscope.vjm.kinematics.configurations import configure
 from tests.report.test_terminal import diagnosed
 
+pytestmark = pytest.mark.slow
+
 
 @pytest.fixture(scope="module")
 def delta():
@@ -179,6 +181,7 @@ def test_rigid_bodies_have_colours_and_names_and_hide_no_other():
     assert "rigid" in key_of(bodies[:1])
 
 
+@pytest.mark.extended
 def test_picture_of_a_deformed_robot_with_the_users_own_surface(delta, tmp_path):
     robot = delta[0]
     pv.Cube(center=(0, 0, -1.06), x_length=0.2, y_length=0.2, z_length=0.02).save(
@@ -201,6 +204,7 @@ def test_picture_of_a_deformed_robot_with_the_users_own_surface(delta, tmp_path)
     assert 20_000 < (tmp_path / "a.png").stat().st_size < 400_000
 
 
+@pytest.mark.extended
 @pytest.mark.usefixtures("drawn_anew")
 def test_a_process_that_is_ready_ahead_draws_the_same_picture(delta, tmp_path):
     robot, mechanism, there = delta

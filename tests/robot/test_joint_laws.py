@@ -67,11 +67,11 @@ def test_drives_that_are_not_linear(drive, starts, slopes, tmp_path):
     [
         (
             'drive = { stiffness = 3, curve = [["1 mrad", "1 N*m"]] }',
-            "expected a stiffness, a curve or a gear",
+            "expected one of stiffness, curve, gear",
         ),
         (
             'drive = { backlash = "1 mrad" }',
-            "expected a stiffness, a curve or a gear, got none",
+            "expected one of stiffness, curve, gear, got none of them",
         ),
         (
             'drive = { curve = [["1 mrad", "2 N*m"], ["2 mrad", "1 N*m"]] }',

@@ -9,11 +9,12 @@ import pytest
 from stiffscope.errors import InputError
 from stiffscope.robot.file.override import TypedOverride
 from stiffscope.robot.file.sections import AXES
+from stiffscope.robot.file.validate import read_pose
 from stiffscope.robot.library import copy_robot, find_robot, robot_names
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.parameters import parameters
 from stiffscope.robot.part_matrices import PartMatrix, needed_experiments, part_matrices
-from stiffscope.robot.reader import load_robot, pose_of, read_robot
+from stiffscope.robot.reader import load_robot, read_robot
 from tests.robot import at_home
 
 TEXT = """name = "delta"
@@ -144,7 +145,8 @@ def test_units_expressions_and_defaults(read):
     assert robot.members("all") == ("leg1.arm", "leg2.arm", "leg3.arm", "leg1.motor")
     assert robot.members("arm") == robot.groups["arms"]
     assert robot.members("drives") == ("leg1.motor", "leg2.motor", "leg3.motor")
-    assert pose_of(robot, ["10 mm", 0, -0.5]) == (0.01, 0, -0.5)
+    pose = read_pose(["10 mm", 0, -0.5], robot.tool, ("at",))
+    assert pose == (0.01, 0, -0.5)
 
 
 def test_groups_that_name_another_twice_take_no_time(read):

@@ -20,6 +20,8 @@ from stiffscope.robot.reader import load_robot
 from stiffscope.vjm.statics import analysis as statics
 from stiffscope.vjm.statics.yielding import deflection
 
+pytestmark = pytest.mark.slow
+
 POSE = [[0.03, 0.02, 0.3475]]
 
 

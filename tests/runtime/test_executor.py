@@ -19,7 +19,9 @@ from stiffscope.runtime.executor import (
     WorkerError,
     work_through,
 )
-from stiffscope.runtime.signals import deaf_to
+from stiffscope.runtime.signals import defer_signals
+
+pytestmark = pytest.mark.slow
 
 
 def work(executor, function, jobs, reports=None, limits=None):
@@ -207,7 +209,7 @@ def test_a_signal_waits_though_another_thread_takes_it():
     other.start()
     passed = False
     try:
-        with pytest.raises(KeyboardInterrupt), deaf_to("SIGINT", "SIGTERM"):
+        with pytest.raises(KeyboardInterrupt), defer_signals("SIGINT", "SIGTERM"):
             os.kill(os.getpid(), signal.SIGINT)
             time.sleep(0.1)
             passed = True

@@ -78,8 +78,8 @@ def test_a_file_that_is_not_ours_is_not_deleted(tmp_path, foreign):
 def test_impossible_targets_are_refused_early(tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     for target, why in [
-        (tmp_path / "file", "is a file"),
-        (tmp_path / "file" / "out", "is a file"),
+        (tmp_path / "file", "a file"),
+        (tmp_path / "file" / "out", "a file"),
     ]:
         with pytest.raises(InputError, match=why):
             check_output(target)
@@ -96,7 +96,8 @@ def test_a_file_of_its_own_is_not_in_an_output_folder(tmp_path):
     (tmp_path / "link").symlink_to(tmp_path / "out")
     for file in (tmp_path / "out" / "a.json", tmp_path / "link" / "deep" / "a.json"):
         with pytest.raises(
-            InputError, match=r"a\.json: is in .*out, which is replaced as a whole"
+            InputError,
+            match=r"a\.json: expected a file outside .*out, which is replaced as a whole",
         ):
             check_output(tmp_path / "out", None, str(file))
     check_output(tmp_path / "out", None, "-", tmp_path / "a.json")
@@ -123,7 +124,7 @@ def test_json_is_strict_and_readable(tmp_path, capsys):
     for where in ("none", "a.json"):  # neither is a folder
         with pytest.raises(InputError, match="cannot be written"):
             write_json(tmp_path / where / "a.json", {})
-    with pytest.raises(InputError, match="give a file"):
+    with pytest.raises(InputError, match="expected a file to write, got a folder"):
         write_json("/", {})
 
 

@@ -15,6 +15,8 @@ from stiffscope.errors import InputError, StiffscopeError
 from stiffscope.runtime.executor import WorkerError, work_through
 from stiffscope.runtime.scheduler import Scheduler
 
+pytestmark = pytest.mark.slow
+
 SCHEDULER = """\
 from distributed import LocalCluster
 if __name__ == "__main__":
@@ -77,6 +79,7 @@ def test_an_answer_that_is_lost_with_its_worker_is_asked_for_again(monkeypatch):
             executor.submit(divmod, 1, 0, name="three").result(30)
 
 
+@pytest.mark.extended
 @pytest.mark.skipif(sys.platform == "win32", reason="kills")
 def test_jobs_survive_the_kills_of_their_workers_and_one_that_kills_them_is_named():
     with (

@@ -7,6 +7,8 @@ import pytest
 from stiffscope.cli.main import _guarded
 from tests.experiments.one_part import MATRIX, ROD, STEP, one_part, write_bar
 
+pytestmark = pytest.mark.slow
+
 
 def run(*words):
     """Exit code of a command."""

@@ -11,6 +11,8 @@ from stiffscope.errors import InputError
 from stiffscope.experiments.comparison import _list_sources
 from stiffscope.robot.reader import load_robot
 
+pytestmark = pytest.mark.slow
+
 
 def test_twice_the_drives_of_a_robot_of_drives_alone_is_twice_the_stiffness(
     tmp_path, capsys
@@ -82,6 +84,7 @@ def test_twice_the_drives_of_a_robot_of_drives_alone_is_twice_the_stiffness(
     assert across.split() == ["y", "µm", "-10", "-10"]
 
 
+@pytest.mark.extended
 def test_a_picture_shows_the_first_robot_in_outlines_beside_the_second(tmp_path):
     wide = [
         "compare",

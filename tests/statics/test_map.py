@@ -9,7 +9,10 @@ import xarray as xr
 
 from stiffscope.cli.main import _guarded
 
+pytestmark = pytest.mark.slow
 
+
+@pytest.mark.extended
 def test_numbers_carry_names_and_units(tmp_path, capsys):
     out = tmp_path / "map"
     words = [
@@ -50,6 +53,7 @@ def test_a_map_that_needs_too_much_memory_is_refused_before_it_begins(tmp_path, 
     )
 
 
+@pytest.mark.extended
 def test_a_volume_holds_what_maps_and_single_poses_hold(tmp_path, capsys):
     """Principal, directional and loaded compliance of one pose of the volume, from its stiffness matrix."""
     pv = pytest.importorskip("pyvista")

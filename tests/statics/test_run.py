@@ -17,6 +17,10 @@ from stiffscope.fea.experiment import Experiment
 from stiffscope.report.part_tables import show_compliance
 from stiffscope.robot.part_matrices import beam_compliance
 from stiffscope.robot.reader import load_robot
+from stiffscope.runtime.cache import CONDENSED, WHOLE
+from tests.experiments.one_part import ROD, one_part
+
+pytestmark = pytest.mark.slow
 
 RUN = "import sys; from stiffscope.cli.main import _guarded; code = _guarded(sys.argv[1:]); print(sorted(set(sys.modules) & {'OCP', 'pytetwild', 'skfem'})); sys.exit(code)"  # noqa: E501
 
@@ -157,3 +161,48 @@ def test_beam_theory_is_beside_the_own_shape_alone(tmp_path, capsys, solid):
     assert f"{beam[3, 3]:.5g}" in shown
     assert ("Timoshenko" in shown) == own
     assert ("No comparison with beam theory" in shown) != own
+
+
+def test_what_yields_most_under_a_push_stands_first(tmp_path, capsys):
+    """Two blocks in a row, 3 and 1 um/N along x, y and z: three quarters are of the second one."""
+    lines = ['name = "row"']
+    for name, soft in (("stiff", 1e-6), ("soft", 3e-6)):
+        matrix = np.diag([soft] * 3 + [1e-9] * 3).tolist()
+        lines += [f"[parts.{name}]", 'shape = "matrix"', f"matrix = {matrix}"]
+        at = 0.1 if name == "soft" else 0.0
+        lines += [f"[bodies.{name}]", f'part = "{name}"', f"base = [{at}, 0, 0]"]
+        lines += [f"tip = [{at + 0.1}, 0, 0]", "y = [0, 1, 0]"]
+    ends = {"foot": ("ground", "stiff.base"), "waist": ("stiff.tip", "soft.base")}
+    for k, (name, both) in enumerate(ends.items()):
+        lines += [f"[joints.{name}]", f"between = {list(both)}", 'type = "fixed"']
+        lines += [f"at = [{0.1 * k}, 0, 0]"]
+    lines += ["[tool]", 'body = "soft.tip"', "at = [0.2, 0, 0]", "pose = []"]
+    (tmp_path / "row.toml").write_text("\n".join(lines))
+    assert (
+        _guarded(["run", str(tmp_path / "row.toml"), "--out", str(tmp_path / "o")]) == 0
+    )
+    shown = capsys.readouterr().out.partition("What yields most")[2].splitlines()
+    first, second = (line.split() for line in shown if line.startswith("s"))
+    assert (first[0], float(first[1])) == ("soft", pytest.approx(75.0, abs=0.1))
+    assert (second[0], float(second[1])) == ("stiff", pytest.approx(25.0, abs=0.1))
+    page = (tmp_path / "o" / "report.html").read_text()
+    assert "What yields most" in page
+    assert "home: its one pose" in page
+
+
+def test_stiffness_needs_no_modes_of_the_parts(tmp_path, monkeypatch, capsys):
+    """The same stiffness and sag as with the modes that `modes` adds to the same mesh."""
+    monkeypatch.setenv("STIFFSCOPE_CACHE", str(tmp_path / "cache"))
+    one_part(tmp_path, ROD)
+    ask = ["stiffness", str(tmp_path / "robot.toml"), "--json", "-"]
+    assert _guarded(ask) == 0
+    without = json.loads(capsys.readouterr().out)
+    kept = "".join(str(each) for each in (tmp_path / "cache").rglob("*"))
+    assert CONDENSED in kept
+    assert WHOLE not in kept.replace(str(tmp_path), "").replace("experiment.npz", "")
+    assert _guarded(["modes", str(tmp_path / "robot.toml"), "--json", "-"]) == 0
+    capsys.readouterr()
+    assert _guarded(ask) == 0
+    whole = json.loads(capsys.readouterr().out)
+    for key in ("stiffness", "sag"):
+        assert without[key] == pytest.approx(np.array(whole[key]), rel=1e-9)

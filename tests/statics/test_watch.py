@@ -18,6 +18,8 @@ from stiffscope.experiments.watching import (
 )
 from tests.experiments.one_part import MATRIX, ROD, STEP, one_part
 
+pytestmark = pytest.mark.slow
+
 
 def test_content_decides_what_has_changed(tmp_path):
     one = tmp_path / "one"

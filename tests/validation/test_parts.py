@@ -16,6 +16,8 @@ from stiffscope.fea.settings import Settings
 from tests.validation import parts
 from tests.validation.axisymmetric import press, stretch
 
+pytestmark = pytest.mark.slow
+
 ROUNDING = 1e-9  # of the entry; exact solutions that the quadratic elements hold are found to rounding
 
 
@@ -50,6 +52,7 @@ def all_but(kept, names):
     ]
 
 
+@pytest.mark.extended_for("solid bar, no Poisson effect")
 @pytest.mark.parametrize("name", all_but("solid bar, no Poisson effect", EXACT))
 def test_exact_solutions_are_within_the_bounds(name):
     part, exact = EXACT[name]()
@@ -75,6 +78,7 @@ def test_theory_is_met_as_far_as_it_reaches(name):
     assert ((low <= off) & (off <= high)).all()
 
 
+@pytest.mark.extended
 def test_a_carbon_fibre_tube_twists_exactly_and_stretches_as_its_fibres():
     part, exact = parts.cfrp_tube()
     experiment = run_experiment(part, Settings(), whole=False)
@@ -83,6 +87,7 @@ def test_a_carbon_fibre_tube_twists_exactly_and_stretches_as_its_fibres():
     assert (np.abs(off[1:]) < 4e-3).all()
 
 
+@pytest.mark.extended
 def test_a_part_from_a_step_file_is_the_part(tmp_path):
     original = build(LinkParameters(0.12, 0.0125))
     write_step(original, tmp_path / "bar.step")
@@ -97,6 +102,7 @@ def test_a_part_from_a_step_file_is_the_part(tmp_path):
     )
 
 
+@pytest.mark.extended
 @pytest.mark.parametrize(
     "flange", all_but((0.025, 0.005), [(0.025, 0.005), (0.03, 0.003)])
 )
@@ -115,6 +121,7 @@ def test_a_flanged_bar_stretches_as_its_half_section(flange):
     assert bounds[0] < 1e-3
 
 
+@pytest.mark.extended
 def test_a_washer_presses_a_disc_as_its_half_section_says(tmp_path):
     """Of 80 mm diameter and 10 mm thick, held at its rim; a rigid washer of 20 mm around a hole of 10 mm."""
     export_step(Cylinder(40, 10) - Cylinder(5, 20), tmp_path / "disc.step")

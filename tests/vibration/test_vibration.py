@@ -10,6 +10,8 @@ from PIL import Image
 
 from stiffscope.cli.main import _guarded
 
+pytestmark = pytest.mark.slow
+
 
 def test_modes_has_the_fields_that_scripts_read(tmp_path):
     target = tmp_path / "modes.json"
@@ -45,6 +47,7 @@ def test_modes_has_the_fields_that_scripts_read(tmp_path):
     ).sum() == 6
 
 
+@pytest.mark.extended
 def test_shapes_are_drawn_and_move(tmp_path):
     out = tmp_path / "out"
     assert (
@@ -132,7 +135,7 @@ def test_frequency_response_has_units(tmp_path):
         ),
         (
             ["--from", "tool:nowhere:z", "--to", "tool:M:z"],
-            "expected a point (X,Y,Z such as",
+            "expected a point: X,Y,Z such as",
         ),
         (
             ["--from", "tool:M:z", "--to", "tool:M:z", "--band", "5,1"],
@@ -157,6 +160,7 @@ def test_what_is_no_port_is_refused(tmp_path, capsys, ends, message):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.extended
 def test_maps_have_frequencies(tmp_path):
     out = tmp_path / "map"
     words = [

@@ -79,6 +79,7 @@ def test_biglide_slides_as_its_closed_form_says(rng):
     )
 
 
+@pytest.mark.extended
 def test_out_of_reach_is_told_and_never_taken(rng):
     """A box far beyond the workspace: the same poses are valid that the closed form reaches."""
     m = biglide()

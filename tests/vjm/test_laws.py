@@ -105,6 +105,7 @@ def test_a_hexapod_of_nonlinear_drives_is_that_of_a_dense_newton_method(size):
         assert axial == pytest.approx(force, rel=1e-8, abs=1e-8 * np.abs(force).max())
 
 
+@pytest.mark.extended
 def test_equilibrium_under_wrench_weight_and_springs_beside_hanging_drives():
     """Springs hold the platform, some drives hang in a wide gap: forces balance, energy is the work done."""
     gap = 5e-5

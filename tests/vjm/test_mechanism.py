@@ -73,7 +73,7 @@ def test_a_mechanism_knows_its_elements():
         ),
         (
             lambda: Joint("j", "a", "b", "revolute", [0, 0, 0]),
-            r"joints\.j\.axis: expected the direction",
+            r"joints\.j\.axis: expected a direction",
         ),
         (
             lambda: Joint("j", "a", "b", "revolute", [0, 0, 0], [0, 0, 0]),
@@ -81,7 +81,7 @@ def test_a_mechanism_knows_its_elements():
         ),
         (
             lambda: Joint("j", "a", "b", "universal", [0, 0, 0], [0, 0, 1]),
-            r"joints\.j\.axis2: expected the second",
+            r"joints\.j\.axis2: expected a direction",
         ),
         (
             lambda: Joint("j", "a", "b", "universal", [0, 0, 0], [0, 0, 1], [0, 0, 2]),
@@ -180,7 +180,9 @@ def test_changes_add_up_and_leave_the_original():
     assert np.allclose(soft.body("leg1.arm").elastic.compliance, 3 * C)
     assert np.allclose(soft.joint("wrist").offset, 2.0)
     assert np.allclose(m.body("leg1.arm").elastic.compliance, C)
-    with pytest.raises(InputError, match="no element 'arm'; it has <base>, leg1.motor"):  # noqa: RUF043
+    with pytest.raises(
+        InputError, match=r"elements: expected one of <base>, leg1\.motor"
+    ):
         m.change_elements({"arm": Change(C)})
     with pytest.raises(InputError, match="tool: diagonal entries must not be negative"):
         m.change_elements({TOOL: Change(-C)})

@@ -338,6 +338,7 @@ NEARLY_SINGULAR = (
 )  # of rank five but for rounding
 
 
+@pytest.mark.extended
 def test_limbs_off_the_path_to_the_tool_change_nothing(rng):
     """They hold up their own weight alone; one nearly singular among them, and as the tool's arm."""
     for trial in range(30):

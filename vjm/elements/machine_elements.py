@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import require
 from stiffscope.vjm.elements.rolling import (
     LINE,
     POINT,
@@ -67,11 +67,13 @@ class MachineElement:
         inner = self.stiffness[np.ix_(held, held)]
         scale = np.sqrt(np.diagonal(inner).clip(min=0.0))
         size = np.outer(scale, scale)
-        if not (scale > 0.0).all() or np.linalg.cond(inner / size) > 1e12:
-            names = ", ".join(("ux", "uy", "uz", "rx", "ry", "rz")[i] for i in held)
-            raise InputError(
-                f"load: expected one under which elements hold {names}, got one left free"
-            )
+        names = ", ".join(("ux", "uy", "uz", "rx", "ry", "rz")[i] for i in held)
+        require(
+            (scale > 0.0).all() and np.linalg.cond(inner / size) <= 1e12,
+            "load",
+            f"one under which elements hold {names}",
+            "one left free",
+        )
         out[np.ix_(held, held)] = np.linalg.inv(inner / size) / size
         return out
 
@@ -108,23 +110,20 @@ def ball_contacts(
         Diametral clearance of a radial bearing with contact angle 0, m; negative for interference.
     """
     inner, outer = osculation
-    if not 0.0 <= angle < 0.5 * np.pi:
-        what = "a contact angle from 0 to below 90 degrees"
-        raise InputError(f"angle: expected {what}, got {np.degrees(angle):.4g}")
-    if angle and clearance:
-        got = 1e6 * clearance
-        raise InputError(
-            f"clearance: expected none beside a contact angle, got {got:g} um"
-        )
+    what = "a contact angle from 0 to below 90 degrees"
+    require(0.0 <= angle < 0.5 * np.pi, "angle", what, f"{np.degrees(angle):.4g}")
+    got = f"{1e6 * clearance:g} um"
+    require(not (angle and clearance), "clearance", "none beside a contact angle", got)
     reach = (inner + outer - 1.0) * diameter
     bend = diameter * np.cos(angle) / pitch
-    if not 0.0 < bend < 1.0 or pitch * np.sin(np.pi / count) < diameter:
-        what = f"a circle that {count} balls of {1e3 * diameter:g} mm fit on"
-        raise InputError(f"pitch: expected {what}, got {1e3 * pitch:g} mm")
-    if clearance >= 2.0 * reach:
-        most = 2e3 * reach
-        got = 1e3 * clearance
-        raise InputError(f"clearance: expected less than {most:.4g} mm, got {got:g} mm")
+    require(
+        0.0 < bend < 1.0 and pitch * np.sin(np.pi / count) >= diameter,
+        "pitch",
+        f"a circle that {count} balls of {1e3 * diameter:g} mm fit on",
+        f"{1e3 * pitch:g} mm",
+    )
+    most = f"less than {2e3 * reach:.4g} mm"
+    require(clearance < 2.0 * reach, "clearance", most, f"{1e3 * clearance:g} mm")
     ball = 2.0 / diameter
     constants = [
         hertz_constant(
@@ -171,10 +170,12 @@ def ball_bearing(
     wrench = np.concatenate([np.asarray(load, dtype=float), np.zeros(3)])
     if arrangement == "single":
         return _element(contacts, wrench, length, (3,), _HERTZ)
-    if wrench[1:].any():
-        raise InputError(
-            "load: expected a preload along the axis of a pair, got a radial force"
-        )
+    require(
+        not wrench[1:].any(),
+        "load",
+        "a preload along the axis of a pair",
+        "a radial force",
+    )
     one = _element(contacts, wrench, length, (3,), _HERTZ)
     mirror = np.diag([-1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
     total = np.zeros((6, 6))
@@ -451,15 +452,19 @@ def _element(
 ) -> MachineElement:
     twist = settle(contacts, wrench, length)
     along, pressed, loads, _ = contacts.state(twist)
-    if not pressed.any():
-        raise InputError(
-            "load: expected a preload, a load or an interference, got no loaded element"
-        )
-    if pressed.max() > _MOST_PRESSED * length:
-        most = 1e3 * pressed.max()
-        raise InputError(
-            f"load: expected elastic contacts, got elements pressed together by {most:.3g} mm"
-        )
+    require(
+        pressed.any(),
+        "load",
+        "a preload, a load or an interference",
+        "no loaded element",
+    )
+    most = pressed.max()
+    require(
+        most <= _MOST_PRESSED * length,
+        "load",
+        "elastic contacts",
+        f"elements pressed together by {1e3 * most:.3g} mm",
+    )
     stiffness = contacts.stiffness(twist)
     stiffness[list(free)] = 0.0
     stiffness[:, list(free)] = 0.0

@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.special import ellipe, ellipk
 
-from stiffscope.errors import InputError
+from stiffscope.errors import require
 from stiffscope.vjm.model.screws import shift
 
 if TYPE_CHECKING:
@@ -59,11 +59,12 @@ def hertz_constant(curvatures: Array, modulus: float) -> float:
         After K. L. Johnson, Contact Mechanics, CUP 1985, eq. 4.26, with computed ellipse axes.
     """
     small, large = np.sort(np.asarray(curvatures, dtype=float))
-    if not 0.0 < small < np.inf:
-        expected = "races that leave room for the elements"
-        raise InputError(
-            f"contact: expected {expected}, got a curvature of {small:g} 1/m"
-        )
+    require(
+        0.0 < small < np.inf,
+        "contact",
+        "races that leave room for the elements",
+        f"a curvature of {small:g} 1/m",
+    )
     low = 1e-14
     high = 1.0  # k² = (b/a)² of the ellipse
     k2 = 1.0
@@ -200,8 +201,9 @@ def settle(contacts: Contacts, wrench: Array, length: float) -> Array:
         while share > 1e-9 and potential(x + share * step) > most_now - share * slope:
             share *= 0.5
         x = x + share * step
-    if np.abs(load - contacts.wrench(x * unit) * unit).max() > _ACCEPTED * size:
-        raise InputError(
-            "load: expected one that the elements can carry, found no equilibrium"
-        )
+    require(
+        np.abs(load - contacts.wrench(x * unit) * unit).max() <= _ACCEPTED * size,
+        "load",
+        "one that the elements can carry, found no equilibrium",
+    )
     return x * unit

@@ -11,14 +11,14 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from stiffscope.errors import InputError, check_kind
+from stiffscope.errors import InputError, check_kind, require
 from stiffscope.runtime.brief import describe_briefly
 from stiffscope.vjm.kinematics.closure import CLOSED
 from stiffscope.vjm.kinematics.continuation import (
     OPEN,
     RANGE,
     REACHED,
-    Reached,
+    KnownConfigurations,
     find_ranges,
     find_solver,
     follow_paths,
@@ -263,10 +263,10 @@ def learn_configurations(
     """Return a function like `configure` that is faster at poses among given ones (n, k)."""
     solver = find_solver(mechanism, "tool")
     home = mechanism.tool.home
-    known = Reached.among(solver, check_poses(mechanism, poses) - home)
+    known = KnownConfigurations.sample(solver, check_poses(mechanism, poses) - home)
 
     def find(points: Array) -> Configurations:
-        found = known.visit(points - home)
+        found = known.solve(points - home)
         lost = np.flatnonzero(found.failure)
         if not lost.size:
             return _configurations(solver, found)
@@ -299,13 +299,13 @@ def _without_welded(linkage: Linkage, displacements: Array) -> Array:
         [j.name in linkage.columns for j in linkage.mechanism.drives], dtype=bool
     )
     for joint, column in zip(linkage.mechanism.drives, displacements.T, strict=True):
-        if joint.name not in linkage.columns and (
-            column.any() or not linkage.welds(joint)
-        ):
-            here = spell_name("joints", joint.name)
-            raise InputError(
-                f"{here}: expected a passive joint in its drive's loop, got none"
-            )
+        require(
+            joint.name in linkage.columns
+            or (linkage.welds(joint) and not column.any()),
+            spell_name("joints", joint.name),
+            "a passive joint in its drive's loop",
+            "none",
+        )
     return displacements[:, movable]
 
 
@@ -317,9 +317,12 @@ def check_poses(mechanism: Mechanism, poses: ArrayLike) -> Array:
 
 def _check_rows(values: ArrayLike, names: list[str], what: str) -> Array:
     array = np.atleast_2d(np.asarray(values, dtype=float))
-    if array.ndim != 2 or array.shape[1] != len(names):
-        expected = f"(n, {len(names)}) numbers {', '.join(names)}"
-        raise InputError(f"{what}: expected {expected}, got shape {np.shape(values)}")
+    require(
+        array.ndim == 2 and array.shape[1] == len(names),
+        what,
+        f"(n, {len(names)}) numbers {', '.join(names)}",
+        f"shape {np.shape(values)}",
+    )
     bad = np.flatnonzero(~np.isfinite(array).all(axis=1))
     if bad.size:
         got = array[bad[0]].tolist()

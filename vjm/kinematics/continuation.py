@@ -21,7 +21,7 @@ from numpy.polynomial.chebyshev import chebvander
 from scipy.linalg import lstsq
 from scipy.spatial import KDTree
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.vjm.kinematics.closure import Closure, find_locked
 from stiffscope.vjm.kinematics.linkage import Linkage, rotation_vector
 
@@ -103,8 +103,7 @@ def find_solver(mechanism: Mechanism, given: Given) -> Solver:
     known = _solvers.setdefault(mechanism, {})
     if given not in known:
         linkage = Linkage(mechanism, given)
-        if not linkage.size:
-            raise InputError("joints: expected one that can move, got none")
+        require(linkage.size, "joints", "one that can move", "none")
         start = np.zeros(linkage.size)
         displaced = dict[str, float]()
         if given == "tool" and (locked := find_locked(linkage, start)[0]):
@@ -268,22 +267,22 @@ def follow_paths(solver: Solver, values: Array, size: int) -> Iterator[Followed]
             yield Followed(q, placed, np.zeros(count, dtype=np.int8))
         return
     if len(values) <= _FEW:
-        yield Reached(solver).visit(values)
+        yield KnownConfigurations(solver).solve(values)
         return
-    known = Reached.among(solver, values)
+    known = KnownConfigurations.sample(solver, values)
     for start in range(0, len(values), size):
-        yield known.visit(values[start : start + size])
+        yield known.solve(values[start : start + size])
 
 
-class Reached:
+class KnownConfigurations:
     """Poses reached so far, from which others are reached."""
 
     @classmethod
-    def among(cls, solver: Solver, values: Array) -> Reached:
+    def sample(cls, solver: Solver, values: Array) -> KnownConfigurations:
         """Sample given values (n, k) to predict starts for the others."""
         out = cls(solver)
         count = min(len(values), _LANDMARKS)
-        out.visit(
+        out.solve(
             values[np.random.default_rng(0).choice(len(values), count, replace=False)]
         )
         out.fit()
@@ -298,7 +297,7 @@ class Reached:
         self.near = 0.0
         self.predict: Callable[[Array], Array] | None = None
 
-    def visit(self, values: Array) -> Followed:
+    def solve(self, values: Array) -> Followed:
         """Follow paths to given values (n, k)."""
         solver = self.solver
         linkage = self.solver.linkage

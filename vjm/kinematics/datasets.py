@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 import numpy as np
 
 from stiffscope.runtime.brief import describe_briefly
+from stiffscope.runtime.formats import to_dataframe
 from stiffscope.vjm.model.mechanism import COORDINATES
 
 if TYPE_CHECKING:
@@ -35,8 +36,6 @@ class Labelled(ABC):
 
     def to_pandas(self) -> pd.DataFrame:
         """Return a row per pose and a column per labelled number, e.g. `stiffness_fx_x`."""
-        import pandas as pd  # pyright: ignore[reportMissingTypeStubs]
-
         dataset: Any = self.to_xarray()
         columns: dict[str, Any] = {
             name: each.to_numpy()
@@ -50,7 +49,7 @@ class Labelled(ABC):
             for place in np.ndindex(flat.shape[1:]):
                 words = [each[k] for each, k in zip(labels, place, strict=True)]
                 columns["_".join([name, *words])] = flat[(slice(None), *place)]
-        return pd.DataFrame(columns)
+        return to_dataframe(columns)
 
 
 def make_dataset(

@@ -21,7 +21,7 @@ from stiffscope.vjm.model.screws import rotation_of, skew
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from stiffscope.vjm.kinematics.tabulated import Look
+    from stiffscope.vjm.kinematics.tabulated import LoopEquations
     from stiffscope.vjm.model.joints import Joint
     from stiffscope.vjm.model.mechanism import Mechanism
     from stiffscope.vjm.model.screws import Array
@@ -41,7 +41,7 @@ class Placed:
     q: Array
     linkage: Linkage
     frames: tuple[list[Array], list[Array]]
-    look: Look | None = None
+    look: LoopEquations | None = None
 
     @cached_property
     def rotation(self) -> list[Array]:

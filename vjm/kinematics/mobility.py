@@ -48,6 +48,9 @@ _TOGETHER = 3
 _MANY = 1000  # loops that are searched jointly, and their combinations
 
 
+ALL = 6  # directions of a rigid body
+
+
 @dataclass(frozen=True, eq=False)
 class Redundancy:
     """Constraints that a loop, or ``loops`` of them together, hold redundantly.
@@ -65,7 +68,8 @@ class Redundancy:
     def __str__(self) -> str:
         many = say_count(self.count, "redundant constraint")
         if self.loops == 1:
-            which = ", ".join(map(str, self.directions))
+            listed = ", ".join(map(str, self.directions))
+            which = "all directions" if self.count == ALL else listed
             return f"the loop through {list_names(self.bodies)} has {many}: {which}"
         return f"the {self.loops} loops through {list_names(self.bodies)} share {many}"
 

@@ -63,7 +63,7 @@ class Cut:
 
 
 @dataclass(frozen=True, eq=False)
-class Look:
+class LoopEquations:
     """Links and equations at n poses; the poses are the leading axis.
 
     ``frames`` (n, f, 4, 4): displacements from home; ``errors`` (rows, n) of cut joints, lengths
@@ -151,7 +151,7 @@ class Table:
         self.coefficients = np.concatenate([coefficients, measured])
         self.size = size
 
-    def look(self, q: Array) -> Look:
+    def look(self, q: Array) -> LoopEquations:
         """Return links and equations at coordinates (m, n)."""
         angle = q.take(self.lead, axis=0).T[..., None, None]
         first = np.where(self.slides, angle, np.sin(angle))
@@ -183,7 +183,7 @@ class Table:
         if not self.simple:
             errors = errors @ self.sums.T
             wrenches = self.sums @ wrenches
-        return Look(frames, errors.T, twists, wrenches)
+        return LoopEquations(frames, errors.T, twists, wrenches)
 
 
 def _turn_balls(screw: Array, square: Array) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.vjm.model.checks import (
     assign,
     axes_along,
@@ -82,10 +82,12 @@ class Body:
 
     def __post_init__(self) -> None:
         here = check_name("bodies", self.name)
-        if not 0.0 <= self.mass < np.inf:
-            raise InputError(
-                f"{here}.mass: expected a mass of at least 0 kg, got {self.mass}"
-            )
+        require(
+            0.0 <= self.mass < np.inf,
+            f"{here}.mass",
+            "a mass of at least 0 kg",
+            self.mass,
+        )
         if self.centre is not None:
             assign(
                 self,
@@ -219,8 +221,7 @@ def superelement_body(
     """
     here = spell_name("bodies", name)
     names = tuple(interfaces)
-    if len(names) < 2:
-        raise InputError(f"{here}.interfaces: expected two or more, got {list(names)}")
+    require(len(names) >= 2, f"{here}.interfaces", "two or more", list(names))
     points = ((f"{here}.interfaces.{end}", place) for end, place in interfaces.items())
     local = np.array(
         [check_vector(place, field, "a position in m") for field, place in points]
@@ -234,11 +235,12 @@ def superelement_body(
     dynamics = None
     squares = np.asarray(mode_squares, dtype=float)
     modes = 0 if mass_matrix is None else max(0, len(np.asarray(mass_matrix)) - size)
-    if squares.shape != (modes,) or not (squares > 0.0).all():
-        rows = f"{modes} above 0, for the mass matrix's rows beyond the interfaces'"
-        raise InputError(
-            f"{here}.mode_squares: expected {rows}, got {squares.tolist()}"
-        )
+    require(
+        squares.shape == (modes,) and (squares > 0.0).all(),
+        f"{here}.mode_squares",
+        f"{modes} above 0, for the mass matrix's rows beyond the interfaces'",
+        squares.tolist(),
+    )
     if mass_matrix is not None:
         whole = size + modes
         inertia = check_array(
@@ -260,18 +262,21 @@ def _clamp_first(stiffness: Array, places: Array, here: str) -> Array:
     """Clamp the first interface of a stiffness (6n, 6n); return the compliance (6m, 6m)."""
     scale = np.sqrt(np.diagonal(stiffness).clip(min=0.0))
     size = np.outer(scale, scale)
-    if not (scale > 0.0).all():
-        least = np.diagonal(stiffness).min()
-        raise InputError(f"{here}: expected diagonal entries above 0, got {least:.6g}")
-    if (np.abs(stiffness - stiffness.T) > _BALANCED * size).any():
-        raise InputError(f"{here}: expected a symmetric matrix")
+    least = np.diagonal(stiffness).min()
+    require(least > 0.0, here, "diagonal entries above 0", f"{least:.6g}")
+    require(
+        (np.abs(stiffness - stiffness.T) <= _BALANCED * size).all(),
+        here,
+        "a symmetric matrix",
+    )
     rigid = rigid_motions(places)
     cost = (np.abs(stiffness @ rigid) / (size @ np.abs(rigid))).max()
-    if cost > _BALANCED:
-        expected = "one whose rigid motions cost nothing"
-        raise InputError(
-            f"{here}: expected {expected}, got a relative cost of {cost:.2g}"
-        )
+    require(
+        cost <= _BALANCED,
+        here,
+        "one whose rigid motions cost nothing",
+        f"a relative cost of {cost:.2g}",
+    )
     unit = (stiffness / size)[6:, 6:]
     try:
         root = np.linalg.inv(np.linalg.cholesky(0.5 * (unit + unit.T)))

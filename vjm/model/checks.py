@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -46,10 +46,12 @@ def check_compliance(
     """
     c = np.asarray(matrix, dtype=float)
     size = 6 * ends
-    if c.shape != (size, size):
-        raise InputError(
-            f"{name}: expected a {size}x{size} compliance matrix, got shape {c.shape}"
-        )
+    require(
+        c.shape == (size, size),
+        name,
+        f"a {size}x{size} compliance matrix",
+        f"shape {c.shape}",
+    )
     if not np.isfinite(c).all():
         raise InputError(f"{name}: every entry must be a finite number")
     if (np.diagonal(c) < 0.0).any():
@@ -98,8 +100,12 @@ def list_names(names: Sequence[str]) -> str:
 def check_name(table: str, name: str) -> str:
     """Refuse an empty or reserved name of a body or joint; return its spelling in a robot file."""
     here = spell_name(table, name)
-    if not name or name in {GROUND, BASE, TOOL}:
-        raise InputError(f"{here}: expected a name of its own, got {name!r}")
+    require(
+        name and name not in {GROUND, BASE, TOOL},
+        here,
+        "a name of its own",
+        f"{name!r}",
+    )
     return here
 
 

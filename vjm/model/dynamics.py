@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.vjm.model.screws import Frame, shift, skew
 
 if TYPE_CHECKING:
@@ -46,22 +46,26 @@ class Dynamics:
         ends = max(2, (len(m) - squares.size) // 6) if m.ndim else 2
         size = 6 * ends + squares.size
         shaped = squares.ndim == 1 and m.shape == (size, size)
-        if not (shaped and np.isfinite(m).all() and np.isfinite(squares).all()):
-            expected = f"finite ({size}, {size}) and ({squares.size},)"
-            raise InputError(f"dynamics: expected {expected}, got {m.shape}")
-        if not (squares > 0.0).all():
-            least = squares.min()
-            raise InputError(
-                f"dynamics: expected squared frequencies above 0, got {least:.6g}"
-            )
-        if self.error is not None and np.shape(self.error) != squares.shape:
-            got = np.shape(self.error)
-            raise InputError(f"dynamics: expected error {squares.shape}, got {got}")
+        require(
+            shaped and np.isfinite(m).all() and np.isfinite(squares).all(),
+            "dynamics",
+            f"finite ({size}, {size}) and ({squares.size},)",
+            m.shape,
+        )
+        least = squares.min(initial=np.inf)
+        what = "squared frequencies above 0"
+        require(least > 0.0, "dynamics", what, f"{least:.6g}")
+        got = squares.shape if self.error is None else np.shape(self.error)
+        require(got == squares.shape, "dynamics", f"error {squares.shape}", got)
         diagonal = np.diagonal(m).clip(min=0.0)
-        if (
-            np.abs(m - m.T) > _SYMMETRY * np.sqrt(np.outer(diagonal, diagonal)) + 1e-300
-        ).any():
-            raise InputError("dynamics: expected a symmetric condensed mass")
+        require(
+            (
+                np.abs(m - m.T)
+                <= _SYMMETRY * np.sqrt(np.outer(diagonal, diagonal)) + 1e-300
+            ).all(),
+            "dynamics",
+            "a symmetric condensed mass",
+        )
         object.__setattr__(self, "mass", 0.5 * (m + m.T))
         object.__setattr__(self, "squares", squares)
         _ = self.factor

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from stiffscope.errors import InputError, check_word
+from stiffscope.errors import check_word, require, require_given
 from stiffscope.vjm.model.checks import (
     assign,
     axes_along,
@@ -145,11 +145,12 @@ class Law:
         """Create a law from (deflection, force) points (m, 2), extrapolated, and a backlash."""
         points = np.vstack([np.zeros((1, 2)), np.asarray(curve, dtype=float)])
         steps = np.diff(points, axis=0)
-        if not (np.isfinite(points).all() and (steps > 0.0).all()):
-            got = points[1:].tolist()
-            raise InputError(
-                f"curve: expected deflections and forces that rise from 0, got {got}"
-            )
+        require(
+            np.isfinite(points).all() and (steps > 0.0).all(),
+            "curve",
+            "deflections and forces that rise from 0",
+            points[1:].tolist(),
+        )
         slopes = steps[:, 1] / steps[:, 0]
         new = np.r_[True, ~np.isclose(slopes[1:], slopes[:-1], rtol=1e-12, atol=0.0)]
         return cls(0.5 * backlash + points[:-1, 0][new], slopes[new])
@@ -210,16 +211,14 @@ class Law:
     def add_compliance(self, compliance: float) -> Law:
         """Add a compliance in series, which may be negative. Raises InputError if none is left."""
         left = 1.0 / self.slopes + compliance
-        if not (left > 0.0).all():
-            raise InputError(
-                f"expected a drive that yields, got a compliance of {left.min():.6g}"
-            )
+        least = left.min()
+        got = f"a compliance of {least:.6g}"
+        require(least > 0.0, "", "a drive that yields", got)
         return Law(self.starts + compliance * self.forces, 1.0 / left)
 
 
 def _check_stiffness(field: str, stiffness: float) -> None:
-    if not 0.0 < stiffness < np.inf:
-        raise InputError(f"{field}: expected a stiffness above 0, got {stiffness}")
+    require(0.0 < stiffness < np.inf, field, "a stiffness above 0", stiffness)
 
 
 @dataclass(frozen=True, eq=False)
@@ -249,10 +248,8 @@ class Drive:
 
         Raises InputError for a nonlinear drive.
         """
-        if self.law is not None:
-            raise InputError(
-                "expected a linear drive, got one with a curve or backlash"
-            )
+        got = "one with a curve or backlash"
+        require(self.law is None, "", "a linear drive", got)
         slopes = self.stiffness * np.array([below, beyond])
         law = Law(np.array([0.0, load / slopes[0]]), slopes)
         return replace(self, stiffness=float(slopes[0]), law=law)
@@ -299,21 +296,19 @@ class Joint:
     def __post_init__(self) -> None:
         here = check_name("joints", self.name)
         check_word(f"{here}.carried_by", self.carried_by, ("first", "second"))
-        if self.kind not in JOINT_TYPES:
-            known = ", ".join(JOINT_TYPES)
-            raise InputError(f"{here}.type: expected one of {known}, got {self.kind!r}")
+        require(
+            self.kind in JOINT_TYPES,
+            f"{here}.type",
+            f"one of {', '.join(JOINT_TYPES)}",
+            f"{self.kind!r}",
+        )
         assign(self, "at", check_vector(self.at, f"{here}.at", "a position in m"))
         for key in ("axis", "axis2"):
             if getattr(self, key) is not None:
                 assign(self, key, check_direction(getattr(self, key), f"{here}.{key}"))
-        if self.axis is None and self.type.needed_axes:
-            raise InputError(
-                f"{here}.axis: expected the direction of a {self.kind} joint, got none"
-            )
-        if self.axis2 is None and self.type.needed_axes == 2:
-            raise InputError(
-                f"{here}.axis2: expected the second of a {self.kind} joint, got none"
-            )
+        for key in ("axis", "axis2")[: self.type.needed_axes]:
+            what = f"a direction of a {self.kind} joint"
+            require_given(getattr(self, key), f"{here}.{key}", what, "none")
         _check_drive(self, here)
         _check_spring(self, here)
         _check_displacement(self, here)
@@ -439,29 +434,32 @@ def _check_drive(joint: Joint, here: str) -> None:
         return
     _check_kind(joint, f"{here}.drive", LED)
     _check_stiffness(f"{here}.drive.stiffness", drive.stiffness)
-    if not drive.low < drive.high:
-        got = [drive.low, drive.high]
-        raise InputError(f"{here}.drive.range: expected its low end first, got {got}")
+    require(
+        drive.low < drive.high,
+        f"{here}.drive.range",
+        "its low end first",
+        [drive.low, drive.high],
+    )
 
 
 def _check_spring(joint: Joint, here: str) -> None:
     if joint.spring is None:
-        if joint.rest:
-            raise InputError(f"{here}.rest: expected a spring beside it, got none")
+        require(not joint.rest, f"{here}.rest", "a spring beside it", "none")
         return
     uniform = [name for name, each in JOINT_TYPES.items() if each.is_uniform]
     _check_kind(joint, f"{here}.spring", uniform)
-    if joint.drive is not None:
-        raise InputError(
-            f"{here}.spring: expected a passive joint, got one with a drive"
-        )
+    passive = joint.drive is None
+    require(passive, f"{here}.spring", "a passive joint", "one with a drive")
     _check_stiffness(f"{here}.spring", joint.spring)
-    if not np.isfinite(joint.rest) or (joint.rest and joint.type.driven is None):
-        expected = "a displacement of a revolute or prismatic joint"
-        raise InputError(f"{here}.rest: expected {expected}, got {joint.rest}")
+    require(
+        np.isfinite(joint.rest) and (not joint.rest or joint.type.driven is not None),
+        f"{here}.rest",
+        "a displacement of a revolute or prismatic joint",
+        joint.rest,
+    )
 
 
 def _check_kind(joint: Joint, field: str, kinds: Iterable[str]) -> None:
-    if joint.kind not in kinds:
-        known = ", ".join(kinds)
-        raise InputError(f"{field}: expected a {known} joint, got a {joint.kind} one")
+    require(
+        joint.kind in kinds, field, f"a {', '.join(kinds)} joint", f"a {joint.kind} one"
+    )

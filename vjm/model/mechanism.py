@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.runtime.brief import describe_briefly
 from stiffscope.vjm.model.checks import (
     BASE,
@@ -53,11 +53,12 @@ class Tool:
     def __post_init__(self) -> None:
         assign(self, "at", check_vector(self.at, "tool.at", "a position in m"))
         pose = tuple(self.pose)
-        if len(set(pose)) < len(pose) or not set(pose) <= set(COORDINATES):
-            known = ", ".join(COORDINATES)
-            raise InputError(
-                f"tool.pose: expected some of {known}, each once, got {list(pose)}"
-            )
+        require(
+            len(set(pose)) >= len(pose) and set(pose) <= set(COORDINATES),
+            "tool.pose",
+            f"some of {', '.join(COORDINATES)}, each once",
+            list(pose),
+        )
         assign(self, "pose", pose)
 
     @cached_property
@@ -124,21 +125,18 @@ class Mechanism:
             *((spell_name("bodies", b.name), b.name) for b in self.bodies),
             *((spell_name("joints", j.name), j.name) for j in self.joints),
         ]:
-            if name in seen:
-                raise InputError(
-                    f"{here}: expected a name of its own, got that of {seen[name]}"
-                )
-            seen[name] = here
+            other = seen.setdefault(name, here)
+            require(other is here, here, "a name of its own", f"that of {other}")
         for j in self.joints:
             for node in (j.first, j.second):
                 self._check_node(node, f"{spell_name('joints', j.name)}.between")
-            if self.carrier(j.first) == self.carrier(j.second):
-                here = f"{spell_name('joints', j.name)}.between"
-                raise InputError(
-                    f"{here}: expected two bodies, got {j.first} and {j.second}"
-                )
-        if self.tool.body == GROUND:
-            raise InputError("tool.body: expected a body that moves, got ground")
+            require(
+                self.carrier(j.first) != self.carrier(j.second),
+                f"{spell_name('joints', j.name)}.between",
+                "two bodies",
+                f"{j.first} and {j.second}",
+            )
+        require(self.tool.body != GROUND, "tool.body", "a body that moves", "ground")
         self._check_node(self.tool.body, "tool.body")
         self._check_connected()
 
@@ -146,14 +144,10 @@ class Mechanism:
         if node in self._carriers:
             return
         ends = next((" or ".join(b.nodes) for b in self.bodies if b.name == node), None)
+        what = f"a body or an end of one ({', '.join(self._carriers)})"
         if ends is not None:
-            raise InputError(
-                f"{here}: expected an end of the elastic body, {ends}, got {node!r}"
-            )
-        known = ", ".join(self._carriers)
-        raise InputError(
-            f"{here}: expected a body or an end of one ({known}), got {node!r}"
-        )
+            what = f"an end of the elastic body, {ends}"
+        raise InputError(f"{here}: expected {what}, got {node!r}")
 
     def _check_connected(self) -> None:
         reached = {GROUND}
@@ -163,18 +157,10 @@ class Mechanism:
             more = {b for pair in pairs for b in pair if reached & set(pair)} - reached
             reached |= more
             grown = bool(more)
-        here = next(
-            (
-                spell_name("bodies", b.name)
-                for b in self.bodies
-                if b.name not in reached
-            ),
-            None,
-        )
-        if here is not None:
-            raise InputError(
-                f"{here}: expected joints that connect it with the ground, got none"
-            )
+        for body in self.bodies:
+            here = spell_name("bodies", body.name)
+            what = "joints that connect it with the ground"
+            require(body.name in reached, here, what, "none")
 
     @cached_property
     def _carriers(self) -> dict[str, str]:
@@ -220,11 +206,10 @@ class Mechanism:
 
         Raises InputError for an unknown name or a compliance that becomes indefinite.
         """
-        unknown = sorted(set(changes) - set(self.elements))
-        if unknown:
-            raise InputError(
-                f"no element {unknown[0]!r}; it has {', '.join(self.elements)}"
-            )
+        listed = ", ".join(self.elements)
+        for name in changes:
+            known = name in self.elements
+            require(known, "elements", f"one of {listed}", repr(name))
         bodies = list(self.bodies)
         joints = list(self.joints)
         for k, body in enumerate(bodies):

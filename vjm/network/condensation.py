@@ -253,7 +253,7 @@ def condense_network(order: Order, where: Places) -> Condensed:
     if where.rigid:
         ready.update(_carry_constants(order, where))
     if len(where.tool) <= FEW:
-        where.look_at(order.moving if where.rigid else order.elements)
+        where.evaluate(order.moving if where.rigid else order.elements)
         ready.update(_stiffen_alike(order, where, ready))
     for step in order.steps:
         if isinstance(step, Connection):

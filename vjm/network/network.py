@@ -160,7 +160,7 @@ class Places:
             self.known[element.name] = self.frame(element).adjoint()
         return self.known[element.name]
 
-    def look_at(self, elements: Sequence[Element]) -> None:
+    def evaluate(self, elements: Sequence[Element]) -> None:
         """Find the adjoints of elements at once: for few poses call overhead dominates."""
         n = len(self.tool)
         new = [e for e in elements if e.name not in self.known]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.vjm.kinematics.configurations import configure
 from stiffscope.vjm.kinematics.datasets import Labelled, make_dataset
 from stiffscope.vjm.model.checks import GROUND
@@ -95,9 +95,12 @@ def respond(
     if applied.ndim < 3:
         applied = np.atleast_2d(applied.T).T[None]
     n, six, cases = applied.shape
-    if six != 6 or n not in {1, len(found)} or not np.isfinite(applied).all():
-        expected = f"finite (6,), (6, c) or ({len(found)}, 6, c)"
-        raise InputError(f"wrench: expected {expected}, got shape {np.shape(wrench)}")
+    require(
+        six == 6 and n in {1, len(found)} and np.isfinite(applied).all(),
+        "wrench",
+        f"finite (6,), (6, c) or ({len(found)}, 6, c)",
+        f"shape {np.shape(wrench)}",
+    )
     order = find_order(mechanism, found.linkage)
     where = place_nodes(found)
     weight, times = (
@@ -109,10 +112,9 @@ def respond(
     }
     for load in loads:
         node = FOOT if load.node == GROUND else load.node
-        if node not in where.rotation:
-            raise InputError(
-                f"load: expected a body or an end of one, got {load.node!r}"
-            )
+        require(
+            node in where.rotation, "load", "a body or an end of one", f"{load.node!r}"
+        )
         wrench = np.atleast_2d(np.asarray(load.wrench, dtype=float))[
             ..., None
         ] * np.ones(cases)

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, cast
 import numpy as np
 from scipy.cluster.hierarchy import DisjointSet  # pyright: ignore[reportMissingTypeStubs]
 
-from stiffscope.errors import InputError
+from stiffscope.errors import require
 from stiffscope.vjm.model.checks import GROUND
 from stiffscope.vjm.model.dynamics import factor_semidefinite
 from stiffscope.vjm.model.screws import Frame, shift
@@ -179,9 +179,12 @@ def add_point_mass(system: Coordinates, point: PointMass) -> None:
 
 
 def _check_node(system: Coordinates, node: str) -> None:
-    if node not in system.twists:
-        known = ", ".join(system.twists)
-        raise InputError(f"expected a body or an end of one, {known}, got {node!r}")
+    require(
+        node in system.twists,
+        "",
+        f"a body or an end of one, {', '.join(system.twists)}",
+        f"{node!r}",
+    )
 
 
 def _pick_rows(rows: Any, index: NDArray[np.intp]) -> Any:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.vjm.model.screws import shift
 from stiffscope.vjm.network.loading import Loads
 from stiffscope.vjm.network.network import END
@@ -79,9 +79,12 @@ class ModalModel:
         there, without stiffness and inertia.
         """
         name = END if node is None else node
-        if name not in self.system.twists:
-            known = ", ".join(self.system.twists)
-            raise InputError(f"expected a body or an end of one, {known}, got {name!r}")
+        require(
+            name in self.system.twists,
+            "",
+            f"a body or an end of one, {', '.join(self.system.twists)}",
+            f"{name!r}",
+        )
         where = self.system.where
         carry = shift(where.point(name, np.asarray(at, dtype=float)) - where.tool)[0]
         rows = self.system.twists[name]
@@ -178,3 +181,82 @@ def solve_all_modes(
         idle=pencil.basis[0] @ (unit * pencil.empty_motions),
         shift=pencil.shift,
     )
+
+
+@dataclass(eq=False)
+class SolvedModes:
+    """Modes of a mechanism as solved: a static part of massless modes, and d modes with mass.
+
+    Attributes
+    ----------
+    modal
+        All modes.
+    moving
+        Those (d,) with mass.
+    """
+
+    modal: ModalModel
+
+    @cached_property
+    def moving(self) -> NDArray[np.intp]:
+        """Modes (d,) with mass."""
+        return np.flatnonzero(self.modal.mass > 0.0)
+
+    @cached_property
+    def massless(self) -> NDArray[np.intp]:
+        """Modes (k,) without."""
+        return np.flatnonzero(self.modal.mass <= 0.0)
+
+    @property
+    def mass(self) -> Array:
+        """Modal masses (d,)."""
+        return self.modal.mass[self.moving]
+
+    @property
+    def stiffness(self) -> Array:
+        """Modal stiffnesses (d,)."""
+        return self.modal.stiffness[self.moving]
+
+    @property
+    def static(self) -> Array:
+        """Flexibilities (k,) of the static part."""
+        return 1.0 / self.modal.stiffness[self.massless]
+
+    def displace(self, node: str, at: Array) -> tuple[Array, Array]:
+        """Return twists (6, k) of a node's home point in the static part, (6, d) in modes."""
+        twists = self.modal.displace(node, at)
+        return twists[:, self.massless], twists[:, self.moving]
+
+    def find_wrenches(
+        self, name: str, points: Sequence[tuple[str, Array, Array]]
+    ) -> tuple[Array, Array]:
+        """Return wrenches in an element, own axes, under p forces and inertial loads.
+
+        Parameters
+        ----------
+        points
+            Node, home point (3,) and wrench (6,) there in base axes, of each force.
+
+        Returns
+        -------
+            Wrenches (6m, p) under the forces, and (6m, d) per unit ``-s²`` times amplitudes.
+        """
+        response = self._respond(points)
+        wrench = response.find_wrench(self.modal.mechanism.rows(name))[0]
+        return wrench[:, : len(points)], wrench[:, len(points) :]
+
+    def find_motions(
+        self, name: str, points: Sequence[tuple[str, Array, Array]]
+    ) -> tuple[Array, Array]:
+        """Return motions (k, p) and (k, d) in a joint's free directions, likewise."""
+        motion = self._respond(points).elements[name].motions[0]
+        return motion[:, : len(points)], motion[:, len(points) :]
+
+    def _respond(self, points: Sequence[tuple[str, Array, Array]]) -> Response:
+        key = tuple((node, *at, *wrench) for node, at, wrench in points)
+        if self._static is None or self._static[0] != key:
+            columns = [(node, at, wrench[:, None]) for node, at, wrench in points]
+            self._static = key, self.modal.solve_static(columns, self.moving)
+        return self._static[1]
+
+    _static: tuple[Any, Response] | None = None

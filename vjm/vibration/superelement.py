@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import require
 from stiffscope.vjm.model.subspaces import RANK
 from stiffscope.vjm.network.network import END
 from stiffscope.vjm.vibration.pencil import form_pencils
@@ -82,10 +82,12 @@ def superelement(
         pencil.system.twists[END].apply_to(pencil.basis)[0] * unit / size[:, None]
     )  # (6, d)
     left, values, right = np.linalg.svd(tool)
-    if len(values) < 6 or values[5] <= RANK * values[0]:
-        raise InputError(
-            "tool: expected one that moves in six directions, got one held rigidly"
-        )
+    require(
+        len(values) >= 6 and values[5] > RANK * values[0],
+        "tool",
+        "one that moves in six directions",
+        "one held rigidly",
+    )
     apart = np.asarray(right[6:].T, dtype=float)
     follow = right[:6].T / values[:6] @ left.T / size
     held, inert = (apart.T @ a @ apart for a in (stiffness, mass))

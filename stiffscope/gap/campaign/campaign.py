@@ -202,6 +202,37 @@ class Campaign:
         for name, value in {**arrays, "predictions": models}.items():
             object.__setattr__(self, name, value)
 
+    @classmethod
+    def without_readings(
+        cls,
+        robot: str | None,
+        modelled: tuple[str, ...] | None = None,
+        components: str | None = None,
+        *,
+        coordinates: tuple[str, ...] = AXES[:3],
+        **more: Any,
+    ) -> Campaign:
+        """Return a campaign of no readings; ``more``: fields that have a default."""
+        return cls(
+            robot=robot,
+            modelled=modelled,
+            components=components,
+            pose_names=(),
+            poses=np.zeros((0, len(coordinates))),
+            pose=_no_codes(),
+            wrench=np.zeros((0, 6)),
+            quantity=_no_codes(),
+            value=np.zeros(0),
+            sigma=np.zeros(0),
+            session_names=(),
+            session=_no_codes(),
+            files=(),
+            file=_no_codes(),
+            line=_no_codes(),
+            coordinates=coordinates,
+            **more,
+        )
+
     def __len__(self) -> int:
         """Return the number of readings."""
         return len(self.value)
@@ -301,6 +332,13 @@ class Campaign:
         if self.source is None:
             return InputError(f"campaign: {'.'.join(key)}: {message}")
         return self.source.refuse(key, message)
+
+    def require(
+        self, valid: object, key: tuple[str, ...], expected: str, got: object
+    ) -> None:
+        """Raise an error for a key of the campaign.toml unless what it needs is valid."""
+        if not valid:
+            raise self.refuse(key, f"expected {expected}, got {got}")
 
     def where(self, reading: int) -> str:
         """Return the file and line of one reading; the file alone if it has none."""

@@ -1,27 +1,40 @@
-"""Parsing and validation of campaign.toml."""
+"""Schema of campaign.toml, and what it says in SI."""
 
 from __future__ import annotations
 
+import math
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from stiffscope.errors import InputError, meant
+from pydantic import BeforeValidator, Discriminator, Tag
+
+from stiffscope.errors import naming, require, suggest
 from stiffscope.gap.campaign.campaign import InstrumentFrame, LoadPoint, Sensor
-from stiffscope.gap.campaign.header_table import HeaderTable
+from stiffscope.gap.campaign.header_values import (
+    ByName,
+    Text,
+    Texts,
+    as_table,
+    read_values,
+)
 from stiffscope.gap.campaign.quantities import AXES, JOINT, QUANTITIES, WRENCH
-from stiffscope.gap.campaign.response_header import ResponseSetup, read_setup
+from stiffscope.gap.campaign.response_header import (
+    ChannelSection,
+    PointSection,
+    ResponseSection,
+    ResponseSetup,
+    read_setup,
+)
 from stiffscope.gap.effects.instruments import INSTRUMENT, ROTATION, TRANSLATION
 from stiffscope.gap.effects.vocabulary import EFFECTS
+from stiffscope.robot.file import values as v
 from stiffscope.robot.file.description import ENDS
-from stiffscope.robot.file.parse import Source, parse_text
-from stiffscope.robot.file.quantities import (
-    LENGTH,
-    Dimension,
-    show_value,
-    to_si,
-)
+from stiffscope.robot.file.parse import Source, naming_key, parse_text
+from stiffscope.robot.file.quantities import ANGLE, LENGTH, show_value
+from stiffscope.robot.file.tables import one_of, read_table
+from stiffscope.robot.file.values import Reads, Says, Section
 from stiffscope.runtime.reading import read_text
 
 if TYPE_CHECKING:
@@ -29,22 +42,6 @@ if TYPE_CHECKING:
 
 
 NAME = "campaign.toml"
-COMPONENTS = ("fea", "beam", "published")
-MEASURES = ("displacement", "rotation", "position", "distance")
-KEYS = (
-    "robot",
-    "modelled",
-    "components",
-    "readings",
-    "predictions",
-    "units",
-    "columns",
-    "ignore",
-    "frames",
-    "sensors",
-    "loads",
-    "responses",
-)
 COLUMNS = (
     *AXES,
     "pose",
@@ -58,24 +55,129 @@ COLUMNS = (
     "session",
 )
 """Columns of a table of readings, beside q:JOINT."""
-ZEROS = ("none", "session")
-SENSOR_KEYS = (
-    "measures",
-    "body",
-    "at",
-    "at_sigma",
-    "direction",
-    "against",
-    "frame",
-    "zero",
-)
 _INSIDE = re.compile(r"(?P<body>.+):(?P<share>\d*\.?\d+)")
-FRAME_KEYS = ("pose", "sigma", "per")
-LOAD_KEYS = ("body", "at")
 _RESERVED = {INSTRUMENT, TRANSLATION, ROTATION, "f", *AXES, *QUANTITIES}
 _SHOWN = f"{INSTRUMENT}, {TRANSLATION}, {ROTATION}, {' '.join(AXES)} f and quantities such as dx, kx or f1"
-_ANGLE = Dimension("an angle", "rad", "90 deg", most=1e4)
-_POSE = (*(LENGTH,) * 3, *(_ANGLE,) * 3)
+_POSE = (*(LENGTH,) * 3, *(ANGLE,) * 3)
+_SIX = '"unknown" or six values such as ["2 m", 0, "1 m", 0, 0, "90 deg"]'
+_read_six = read_values(_POSE, _SIX)
+
+
+def _read_pose(value: Any) -> tuple[float, ...] | None:
+    return None if value == "unknown" else _read_six.read(value)
+
+
+class FrameSection(Section):
+    """Axes of an instrument that is placed freely, such as a laser tracker."""
+
+    pose: Annotated[tuple[float, ...] | None, Reads(_read_pose, says=_SIX)]
+    sigma: Annotated[
+        tuple[float, ...] | None,
+        read_values(_POSE, "six standard uncertainties", "non-negative"),
+    ] = None
+    per: Literal["campaign", "session"] = "campaign"
+
+
+class _SensorSection(Section):
+    body: Annotated[Text, Says("the name of a body")]
+    zero: Literal["none", "session"] = "none"
+
+
+class RotationSection(_SensorSection):
+    """An instrument that reads the rotation of a body about an axis."""
+
+    measures: Literal["rotation"]
+    direction: v.Direction
+    against: Text = "ground"
+
+
+class DisplacementSection(_SensorSection):
+    """An instrument, such as a dial gauge, that reads the displacement of a point along a direction."""
+
+    measures: Literal["displacement"]
+    at: v.Point
+    direction: v.Direction
+    against: Text = "ground"
+
+
+class TargetSection(_SensorSection):
+    """A target that an instrument sees in its frame: its position, or its distance from the origin."""
+
+    measures: Literal["position", "distance"]
+    at: v.Point
+    at_sigma: v.LengthOrZero = 0.0
+    frame: Annotated[Text, Says("a name of [frames]")]
+
+
+class LoadSection(Section):
+    """A point of application of a load."""
+
+    body: Annotated[Text, Says("the name of a body")]
+    at: v.Point
+
+
+_SENSORS = {
+    "displacement": DisplacementSection,
+    "rotation": RotationSection,
+    "position": TargetSection,
+    "distance": TargetSection,
+}
+
+
+def _check_measures(value: object) -> object:
+    table = as_table(value)
+    if table is not None:
+        with naming("sensor.measures"):
+            one_of(table.get("measures"), _SENSORS, "a kind of reading")
+    return value
+
+
+def _tag(value: object) -> str:
+    table = as_table(value) or {}
+    return f"tagged-{_SENSORS[table.get('measures', 'displacement')].__name__}"
+
+
+AnySensor = Annotated[
+    Annotated[
+        Annotated[DisplacementSection, Tag("tagged-DisplacementSection")]
+        | Annotated[RotationSection, Tag("tagged-RotationSection")]
+        | Annotated[TargetSection, Tag("tagged-TargetSection")],
+        Discriminator(_tag),
+    ],
+    BeforeValidator(_check_measures),
+]
+
+
+class CampaignSection(Section):
+    """The whole of a campaign.toml."""
+
+    exactly_one = (("robot", "predictions"),)
+
+    robot: Text | None = None
+    predictions: Text | None = None
+    modelled: Texts | None = None
+    components: Literal["fea", "beam", "published"] | None = None
+    readings: Texts = ()
+    units: dict[str, Text] = {}  # noqa: RUF012 (pydantic copies it)
+    columns: dict[str, Text] = {}  # noqa: RUF012
+    ignore: Texts = ()
+    frames: Annotated[dict[str, FrameSection], ByName] = {}  # noqa: RUF012
+    sensors: Annotated[dict[str, AnySensor], ByName] = {}  # noqa: RUF012
+    loads: Annotated[dict[str, LoadSection], ByName] = {}  # noqa: RUF012
+    responses: Annotated[dict[str, ResponseSection], ByName] = {}  # noqa: RUF012
+
+
+SECTIONS = (
+    ("campaign.toml", CampaignSection),
+    ("[frames.NAME]", FrameSection),
+    ('[sensors.NAME], measures = "displacement"', DisplacementSection),
+    ('[sensors.NAME], measures = "rotation"', RotationSection),
+    ('[sensors.NAME], measures = "position" or "distance"', TargetSection),
+    ("[loads.NAME]", LoadSection),
+    ("[responses.NAME]", ResponseSection),
+    ("points of [responses.NAME]", PointSection),
+    ("channels of [responses.NAME]", ChannelSection),
+)
 
 
 @dataclass(frozen=True)
@@ -104,178 +206,156 @@ class Header:
 
 def load_header(folder: Path) -> Header:
     """Load the campaign.toml of a folder. Raises InputError that names the line and the key."""
-    if not folder.is_dir():
-        raise InputError(f"{folder}: expected a campaign folder with a campaign.toml")
+    require(folder.is_dir(), folder, "a campaign folder with a campaign.toml")
     text = read_text(folder / NAME, "a campaign.toml")
     source = Source(Path(NAME), text)
-    top = HeaderTable(source, (), parse_text(source.path, text, "a campaign.toml"))
-    top.check_keys(KEYS)
-    robot = top.text("robot")
-    predictions = top.text("predictions")
-    if (robot is None) == (predictions is None):
-        key = "predictions" if robot else "robot"
-        raise top.refuse(key, "expected either robot or predictions, one of the two")
-    modelled = top.texts("modelled", ()) if "modelled" in top.data else None
-    strange = [
-        name
-        for k, name in enumerate(modelled or ())
-        if name not in EFFECTS or name in (modelled or ())[:k]
-    ]
-    if strange:
-        message = f"expected effects among {', '.join(EFFECTS)}, each once, got {show_value(strange[0])}"
-        raise top.refuse("modelled", message)
-    setups = _read_setups(top)
-    readings = _read_names(top, optional=bool(setups))
-    ignore = top.texts("ignore", ())
-    needed = [name for name in ("value",) if name in ignore]
-    if needed:
-        raise top.refuse(
-            "ignore", f'expected columns that are not needed, got "{needed[0]}"'
-        )
-    units = top.table("units")
-    frames = tuple(
-        _read_frame(name, section) for name, section in top.sections("frames")
-    )
-    known = tuple(frame.name for frame in frames)
+    data = parse_text(source.path, text, "a campaign.toml")
+    with source.refusing():
+        return _make_header(read_table(CampaignSection, data, ()), source)
+
+
+def _make_header(top: CampaignSection, source: Source) -> Header:
+    """Return the contents of a valid file. Raises FieldError for what does not fit together."""
+    _check_names(top)
     sensors: list[Sensor] = []
-    for name, section in top.sections("sensors"):
-        sensors += _read_sensor(name, section, known)
-    names = [sensor.name for sensor in sensors]
-    for sensor in sensors:
-        if names.count(sensor.name) > 1 or sensor.name in _RESERVED:
+    for name, section in top.sensors.items():
+        made = _make_sensors(name, section, tuple(top.frames))
+        for sensor in made:
             taken = _SHOWN if sensor.name in _RESERVED else "those of other sensors"
-            message = (
-                f"expected another name than {taken}, got {show_value(sensor.name)}"
+            twice = sensor.name in {other.name for other in sensors}
+            require(
+                not twice and sensor.name not in _RESERVED,
+                ("sensors", name),
+                f"another name than {taken}",
+                show_value(sensor.name),
             )
-            raise top.table("sensors").refuse(sensor.target or sensor.name, message)
-    loads: list[LoadPoint] = []
-    for name, section in top.sections("loads"):
-        section.check_keys(LOAD_KEYS)
-        loads.append(LoadPoint(name, section.body(), section.point("at")))
-    components = (
-        top.choice("components", COMPONENTS) if "components" in top.data else None
+        sensors += made
+    frames = tuple(
+        InstrumentFrame(name, frame.pose, frame.sigma, frame.per)
+        for name, frame in top.frames.items()
     )
+    loads = (LoadPoint(name, each.body, each.at) for name, each in top.loads.items())
+    setups = (read_setup(name, each) for name, each in top.responses.items())
     return Header(
-        robot=robot,
-        modelled=modelled,
-        components=components,
-        readings=readings,
-        predictions=predictions,
+        robot=top.robot,
+        modelled=top.modelled,
+        components=top.components,
+        readings=top.readings,
+        predictions=top.predictions,
         source=source,
-        units={column: unit for column in units.data if (unit := units.text(column))},
-        columns=_read_headings(top),
-        ignore=ignore,
+        units=top.units,
+        columns=_read_headings(top.columns),
+        ignore=top.ignore,
         frames=frames,
         sensors=tuple(sensors),
         loads=tuple(loads),
-        responses=setups,
+        responses=tuple(setups),
     )
 
 
-def _read_setups(top: HeaderTable) -> tuple[ResponseSetup, ...]:
-    sections = top.sections("responses")
-    if sections and "robot" not in top.data:
-        raise top.refuse("responses", "expected a robot, which predicts them, got none")
-    return tuple(read_setup(name, section) for name, section in sections)
-
-
-def _read_names(top: HeaderTable, *, optional: bool) -> tuple[str, ...]:
-    """Return the names of the tables of readings."""
-    readings = top.texts("readings", () if optional else None)
-    if not (readings or optional) or len(set(readings)) < len(readings):
-        raise top.refuse(
-            "readings", "expected one file name or a list of different ones"
+def _check_names(top: CampaignSection) -> None:
+    """Raise FieldError for names of effects, tables and columns that cannot be."""
+    modelled = top.modelled or ()
+    for number, effect in enumerate(modelled):
+        require(
+            effect in EFFECTS and effect not in modelled[:number],
+            ("modelled",),
+            f"effects among {', '.join(EFFECTS)}, each once",
+            show_value(effect),
         )
-    return readings
+    responses = ("responses",)
+    described = not top.responses or top.robot is not None
+    require(described, responses, "a robot, which predicts them", "none")
+    names = top.readings
+    require(
+        (names or top.responses) and len(set(names)) == len(names),
+        ("readings",),
+        "one file name or a list of different ones",
+        show_value(list(names)),
+    )
+    for name in ("value",):
+        needed = "columns that are not needed"
+        require(name not in top.ignore, ("ignore",), needed, f'"{name}"')
+    for name, frame in top.frames.items():
+        known = frame.pose is not None or frame.sigma is None
+        require(
+            known, ("frames", name, "sigma"), "none for a pose that is unknown", "six"
+        )
 
 
-def _read_headings(top: HeaderTable) -> dict[str, str]:
+def _read_headings(columns: Mapping[str, str]) -> dict[str, str]:
     """Return the tables' own headings by column."""
-    section = top.table("columns")
     headings: dict[str, str] = {}
-    for column in section.data:
-        if column not in COLUMNS and not column.startswith(JOINT):
-            expected = f"expected one of {', '.join(COLUMNS)}, q:JOINT"
-            raise section.refuse(column, f"{expected}{meant(column, COLUMNS)}")
-        heading = section.text(column) or ""
-        if heading.strip() in headings.values():
-            raise section.refuse(column, f"expected another heading than {heading!a}")
+    listed = ", ".join(COLUMNS)
+    for column, heading in columns.items():
+        key = ("columns", column)
+        known = column in COLUMNS or column.startswith(JOINT)
+        guess = "" if known else suggest(column, COLUMNS)
+        require(known, key, f"one of {listed}, q:JOINT", f"{show_value(column)}{guess}")
+        is_new = heading.strip() not in headings.values()
+        require(
+            is_new, key, "another heading than that of another column", repr(heading)
+        )
         headings[column] = heading.strip()
     return headings
 
 
-def _read_frame(name: str, section: HeaderTable) -> InstrumentFrame:
-    section.check_keys(FRAME_KEYS)
-    per = section.choice("per", ("campaign", "session"), "campaign")
-    if section.data.get("pose") == "unknown":
-        if "sigma" in section.data:
-            raise section.refuse("sigma", "expected none for a pose that is unknown")
-        return InstrumentFrame(name, per=per)
-    example = (
-        'expected "unknown" or six values such as ["2 m", 0, "1 m", 0, 0, "90 deg"]'
-    )
-    pose = section.values("pose", _POSE, example)
-    sigma = None
-    if "sigma" in section.data:
-        example = "expected six standard uncertainties"
-        sigma = section.values("sigma", _POSE, example, sign="non-negative")
-    return InstrumentFrame(name, pose, sigma, per)
-
-
-def _read_sensor(
-    name: str, section: HeaderTable, frames: tuple[str, ...]
+def _make_sensors(
+    name: str,
+    section: DisplacementSection | RotationSection | TargetSection,
+    frames: tuple[str, ...],
 ) -> tuple[Sensor, ...]:
     """Return the channels of an instrument: three for a position, else one."""
-    section.check_keys(SENSOR_KEYS)
-    measures = section.choice("measures", MEASURES)
-    if measures in {"position", "distance"}:
-        return _read_target(name, section, frames)
-    section.refuse_others(("frame", "at_sigma"), f"expected none for a {measures}")
-    body = section.body()
-    direction = section.direction("direction")
-    against = section.text("against") or "ground"
-    zero = section.choice("zero", ZEROS, "none")
-    at = (0.0, 0.0, 0.0)
-    if measures == "rotation":
-        message = "expected no point for a rotation, which is the whole body's"
-        section.refuse_others(("at",), message)
-    else:
-        at = section.point("at")
-    inside = _INSIDE.fullmatch(body)
+    if isinstance(section, TargetSection):
+        return _make_target(name, section, frames)
+    size = math.hypot(*section.direction)
+    x, y, z = section.direction
+    sensor = Sensor(
+        name,
+        section.body,
+        (x / size, y / size, z / size),
+        (0.0, 0.0, 0.0) if isinstance(section, RotationSection) else section.at,
+        section.measures,
+        section.against,
+        section.zero,
+    )
+    inside = _INSIDE.fullmatch(section.body)
     if inside is None:
-        return (Sensor(name, body, direction, at, measures, against, zero),)
+        return (sensor,)
     share = float(inside["share"])
-    if not 0.0 < share < 1.0:
-        expected = 'expected a place within a body such as "leg1.arm:0.5"'
-        raise section.refuse("body", f"{expected}, got {show_value(body)}")
-    base = f"{inside['body']}.{ENDS[0]}"
-    return (Sensor(name, base, direction, at, measures, against, zero, inside=share),)
+    require(
+        0.0 < share < 1.0,
+        ("sensors", name, "body"),
+        'a place within a body such as "leg1.arm:0.5"',
+        show_value(section.body),
+    )
+    return (replace(sensor, body=f"{inside['body']}.{ENDS[0]}", inside=share),)
 
 
-def _read_target(
-    name: str, section: HeaderTable, frames: tuple[str, ...]
+def _make_target(
+    name: str, section: TargetSection, frames: tuple[str, ...]
 ) -> tuple[Sensor, ...]:
     """Return the channels of a target."""
-    measures = section.text("measures") or ""
-    message = f"expected none for a {measures}, which a frame sees"
-    section.refuse_others(("direction", "against"), message)
-    sigma = 0.0
-    if "at_sigma" in section.data:
-        try:
-            sigma = to_si(section.data["at_sigma"], LENGTH, sign="non-negative")
-        except ValueError as error:
-            raise section.refuse("at_sigma", str(error)) from None
-    body = section.body()
-    at = section.point("at")
-    frame = section.choice("frame", frames)
-    zero = section.choice("zero", ZEROS, "none")
+    with naming_key("sensors", name, "frame"):
+        one_of(section.frame, frames, "a name of [frames]")
     x = (1.0, 0.0, 0.0)
     y = (0.0, 1.0, 0.0)
     z = (0.0, 0.0, 1.0)
     along = {f"{name}.x": x, f"{name}.y": y, f"{name}.z": z}
-    if measures == "distance":
+    if section.measures == "distance":
         along = {name: x}
     return tuple(
-        Sensor(channel, body, way, at, measures, "ground", zero, frame, name, sigma)
+        Sensor(
+            channel,
+            section.body,
+            way,
+            section.at,
+            section.measures,
+            "ground",
+            section.zero,
+            section.frame,
+            name,
+            section.at_sigma,
+        )
         for channel, way in along.items()
     )

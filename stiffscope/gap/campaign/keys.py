@@ -188,9 +188,7 @@ def _read_measured(
     table.refuse_where(at_tool & by_sensor, "sensor", both)
     column = "quantity" if "quantity" in table.columns else "sensor"
     either = f"{shown}, or a sensor, {listed}" if column == "quantity" else listed
-    table.refuse_where(
-        ~at_tool & ~by_sensor, column, either if names else shown, alone=False
-    )
+    table.refuse_where(~at_tool & ~by_sensor, column, either if names else shown)
     every = np.maximum(sensor, 0)
     absolute = (
         np.array([s.absolute for s in header.sensors] or [False])[every] & by_sensor

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.errors import InputError, say_count
+from stiffscope.errors import InputError, require, say_count
 from stiffscope.gap.campaign import keys as of_rows
 from stiffscope.gap.campaign import quantities as of
 from stiffscope.gap.campaign.campaign import Campaign
@@ -82,16 +82,26 @@ def load_campaign(
         for name in header.readings
     ]
     if not read:
-        return _empty_campaign(header)
+        return Campaign.without_readings(
+            header.robot,
+            header.modelled,
+            header.components,
+            sensors=header.sensors,
+            loads=header.loads,
+            frames=header.frames,
+            responses=header.responses,
+            units=header.units,
+            source=header.source,
+        )
     parts = [keys for keys, _, _ in read]
     first = parts[0]
-    other = next(
-        (part for part in parts if part.coordinates != first.coordinates), None
+    coordinates = dict.fromkeys(" ".join(part.coordinates) for part in parts)
+    header.source.require(
+        len(coordinates) == 1,
+        ("readings",),
+        "all files with the same columns of the pose",
+        " and ".join(coordinates),
     )
-    if other is not None:
-        both = f"{' '.join(first.coordinates)} and {' '.join(other.coordinates)}"
-        message = f"expected all files with the same columns of the pose, got {both}"
-        raise header.source.refuse(("readings",), message)
     names, pose, poses = _number_poses(parts)
     labels = [label for part in parts for label in part.sessions]
     sessions = {label: i for i, label in enumerate(dict.fromkeys(labels))}
@@ -129,36 +139,6 @@ def load_campaign(
     return campaign if robot is None else match_robot(campaign, robot)
 
 
-def _empty_campaign(header: Header) -> Campaign:
-    """Return a campaign without readings, of frequency responses alone."""
-    none = np.zeros(0, dtype=np.int64)
-    return Campaign(
-        robot=header.robot,
-        modelled=header.modelled,
-        components=header.components,
-        pose_names=(),
-        poses=np.zeros((0, 3)),
-        pose=none,
-        wrench=np.zeros((0, 6)),
-        quantity=none,
-        value=np.zeros(0),
-        sigma=np.zeros(0),
-        session_names=(),
-        session=none,
-        files=(),
-        file=none,
-        line=none,
-        sensors=header.sensors,
-        sensor=none,
-        loads=header.loads,
-        load=none,
-        frames=header.frames,
-        responses=header.responses,
-        units=header.units,
-        source=header.source,
-    )
-
-
 def _check_files(folder: Path, header: Header) -> None:
     """Raise InputError, with the key, for a table that is not a file, or is one of the others."""
     named = [("readings", name) for name in header.readings]
@@ -166,42 +146,41 @@ def _check_files(folder: Path, header: Header) -> None:
         [("predictions", header.predictions)] if header.predictions is not None else []
     )
     for key, name in named:
+        what = "a table (.csv, .tsv, .xlsx)"
         try:
-            open_file(folder / name, "a table (.csv, .tsv, .xlsx)").close()
+            open_file(folder / name, what).close()
         except InputError as error:
             message = str(error).removeprefix(f"{shown_path(folder / name)}: ")
             raise header.source.refuse(
                 (key,), f"{message} ({shown_path(name)})"
             ) from error
-        if name.endswith("/"):
-            expected = "expected a table (.csv, .tsv, .xlsx)"
-            raise header.source.refuse(
-                (key,),
-                f'{expected}, got a name that ends with "/" ({shown_path(name)})',
-            )
+        got = f'a name that ends with "/" ({shown_path(name)})'
+        header.source.require(not name.endswith("/"), (key,), what, got)
     known: dict[str, str] = {}
     for name in header.readings:
         first = known.setdefault(os.path.realpath(folder / name), name)
-        if first != name:
-            got = f"{show_value(first)} and {show_value(name)}, the same file"
-            raise header.source.refuse(
-                ("readings",), f"expected different ones, got {got}"
-            )
+        got = f"{show_value(first)} and {show_value(name)}, the same file"
+        header.source.require(first == name, ("readings",), "different ones", got)
 
 
 def _check_some(c: Campaign) -> None:
     """Raise InputError if all readings are zero (no gap in percent), or no deflection is loaded."""
+    if not len(c):
+        return
     moved = c.is_difference
-    if c.robot is not None and moved.any() and not c.wrench[moved].any():
-        where = c.where(int(np.argmax(moved)))
-        got = f"none in {int(moved.sum()):,} deflections"
-        raise InputError(f"{where}: fx: expected a wrench other than zero, got {got}")
+    require(
+        c.robot is None or not moved.any() or c.wrench[moved].any(),
+        f"{c.where(int(np.argmax(moved)))}: fx",
+        "a wrench other than zero",
+        f"none in {int(moved.sum()):,} deflections",
+    )
     none = (np.abs(c.value) < MOVED.least) & ~c.relative
-    if len(c) and none.all():
-        got = f"none in {len(c):,} rows"
-        raise InputError(
-            f"{c.where(0)}: value: expected readings other than zero, got {got}"
-        )
+    require(
+        not none.all(),
+        f"{c.where(0)}: value",
+        "readings other than zero",
+        f"none in {len(c):,} rows",
+    )
 
 
 def _read_readings(
@@ -287,15 +266,16 @@ def _read_predictions(
     """Return the predicted values (n,) of all readings by each model of a table."""
     table = read_table(path, of_rows.check_predictions_columns, header.ignore)
     expected = parts[0].coordinates
-    if coordinates_of(table.columns, bare=True) != expected:
-        listed = " ".join(expected)
-        raise InputError(
-            f"{table.name}:1: expected the readings' own key columns ({listed})"
-        )
-    if "sigma" in table.columns:
-        raise InputError(
-            f"{table.name}:1: sigma: expected predictions, which have no sigma"
-        )
+    require(
+        coordinates_of(table.columns, bare=True) == expected,
+        f"{table.name}:1",
+        f"the readings' own key columns ({' '.join(expected)})",
+    )
+    require(
+        "sigma" not in table.columns,
+        f"{table.name}:1: sigma",
+        "predictions, which have no sigma",
+    )
     keys = of_rows.read_keys(table, header, bare=True)
     models = [
         n for n in table.columns if n not in {*expected, *WRENCH, *OPTIONAL, *AXES}
@@ -347,20 +327,24 @@ def match_robot(campaign: Campaign, robot: RobotFile) -> Campaign:
             campaign.poses if len(campaign.pose_names) else np.zeros((0, len(names)))
         )
         return replace(campaign, poses=poses, coordinates=names)
-    if len(campaign.poses) > MOST_POSES:
-        where = campaign.where(int(np.argmax(campaign.pose >= MOST_POSES)))
-        most = f"expected at most {MOST_POSES:,} different poses"
-        got = "got more; leave some out, a few dozen tell as much"
-        raise InputError(f"{where}: {campaign.coordinates[0]}: {most}, {got}")
+    first = campaign.where(int(np.argmax(campaign.pose >= MOST_POSES)))
+    require(
+        len(campaign.poses) <= MOST_POSES,
+        f"{first}: {campaign.coordinates[0]}",
+        f"at most {MOST_POSES:,} different poses",
+        "more; leave some out, a few dozen tell as much",
+    )
     loose = [s.zero == "session" for s in campaign.sensors] + [
         f.per == "session" for f in campaign.frames
     ] * 6
     most = int((_MOST_WORK / len(campaign)) ** 0.5) // max(sum(loose), 1)
-    if any(loose) and len(campaign.session_names) > most:
-        where = campaign.where(int(np.argmax(campaign.session >= most)))
-        unknown = say_count(sum(loose), "unknown")
-        expected = f"expected at most {say_count(most, 'session')}, each with {unknown} of instruments, got more"
-        raise InputError(f"{where}: session: {expected}")
+    unknown = say_count(sum(loose), "unknown")
+    require(
+        not any(loose) or len(campaign.session_names) <= most,
+        f"{campaign.where(int(np.argmax(campaign.session >= most)))}: session",
+        f"at most {say_count(most, 'session')}, each with {unknown} of instruments",
+        "more",
+    )
     if not np.isnan(campaign.poses).any():
         return _label_drives(_order_columns(campaign, robot), robot)
     known = f"{robot.name}'s poses {', '.join(robot.known_poses)}"
@@ -416,8 +400,8 @@ def _order_columns(campaign: Campaign, robot: RobotFile) -> Campaign:
         try:
             to_si(f"1 {unit}", dimension)
         except ValueError:
-            expected = f"expected a unit of {dimension.noun}, got {show_value(unit)}"
-            raise campaign.refuse(("units", name), expected) from None
+            what = f"expected a unit of {dimension.noun}, got {show_value(unit)}"
+            raise campaign.refuse(("units", name), what) from None
     order = [given.index(name) for name in wanted]
     return replace(campaign, poses=campaign.poses[:, order], coordinates=wanted)
 
@@ -427,10 +411,9 @@ def _check_bodies(campaign: Campaign, robot: RobotFile) -> None:
     known = robot.nodes()
 
     def check(name: str, *key: str, moves: bool) -> None:
-        if name not in known or (moves and name == GROUND):
-            valid = ", ".join(node for node in known if not (moves and node == GROUND))
-            expected = f"expected a body or an end of one ({valid})"
-            raise campaign.refuse(key, f"{expected}, got {show_value(name)}")
+        valid = [node for node in known if not (moves and node == GROUND)]
+        what = f"a body or an end of one ({', '.join(valid)})"
+        campaign.require(name in valid, key, what, show_value(name))
 
     for sensor in campaign.sensors:
         section = sensor.target or sensor.name
@@ -445,10 +428,11 @@ def _check_bodies(campaign: Campaign, robot: RobotFile) -> None:
             )
         check(sensor.against, "sensors", section, "against", moves=False)
         turns = sensor.body == GROUND and sensor.measures == "rotation"
-        if sensor.body == sensor.against and not turns:
-            key = "sensors", section, "against"
-            raise campaign.refuse(
-                key, f"expected another body than {sensor.body}, got the same"
-            )
+        campaign.require(
+            sensor.body != sensor.against or turns,
+            ("sensors", section, "against"),
+            f"another body than {sensor.body}",
+            "the same",
+        )
     for load in campaign.loads:
         check(load.body, "loads", load.name, "body", moves=True)

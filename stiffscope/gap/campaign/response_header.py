@@ -4,47 +4,91 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, cast, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from stiffscope.errors import InputError
+from stiffscope.errors import require, require_given
+from stiffscope.gap.campaign.header_values import ByName, Text, as_list, read_values
 from stiffscope.responses.files import is_universal
-from stiffscope.responses.model import DERIVATIVES
 from stiffscope.responses.tables import Channel, read_direction
 from stiffscope.responses.units import read_unit
-from stiffscope.robot.file.quantities import (
-    ANGLE,
-    FREQUENCY,
-    MASS,
-    Dimension,
-    show_value,
-)
+from stiffscope.robot.file import quantities as q
+from stiffscope.robot.file import values as v
+from stiffscope.robot.file.parse import naming_key
+from stiffscope.robot.file.values import Reads, Says, Section
 from stiffscope.vjm.vibration.pencil import Drives
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from stiffscope.gap.campaign.header_table import HeaderTable
-    from stiffscope.responses.model import Quantity
+    from stiffscope.responses.model import Direction, Quantity
 
-RESPONSE_KEYS = (
-    "file",
-    "pose",
-    "joints",
-    "drives",
-    "points",
-    "averages",
-    "band",
-    "exponential",
-    "axes",
-    "quantity",
-    "units",
-    "channels",
-)
-POINT_KEYS = ("body", "at", "mass")
-CHANNEL_KEYS = ("force", "motion")
 _OF_TABLES = ("quantity", "units", "channels")
 _UNKNOWN = "unknown"
-_DECAY = Dimension("a duration", "s", "0.2 s", 1e-6, 1e7)
+_DECAY = q.Dimension("a duration", "s", "0.2 s", 1e-6, 1e7)
+_BAND = 'two frequencies such as ["20 Hz", "900 Hz"]'
+_AXES = 'three angles, a rotation vector, such as [0, 0, "90 deg"]'
+_POINTS = 'points such as { 1 = { body = "platform", at = [0, 0, "135 mm"] } }'
+
+
+def _read_mass(value: Any) -> float | None:
+    return None if value == _UNKNOWN else q.to_si(value, q.MASS)
+
+
+def _read_pose(value: Any) -> str | tuple[Any, ...]:
+    valid = isinstance(value, list | tuple) or (
+        isinstance(value, str) and value.strip()
+    )
+    require(valid, "", "the name of a pose or its coordinates", q.show_value(value))
+    return value if isinstance(value, str) else tuple(as_list(value))
+
+
+def _read_way(value: Any) -> Direction:
+    return read_direction(value if isinstance(value, str) else "")
+
+
+class PointSection(Section):
+    """A point of the robot that was hit or listened to."""
+
+    body: Annotated[Text, Says("the name of a body")]
+    at: v.Point | None = None
+    mass: Annotated[float | None, Reads(_read_mass, says='"3 g", or "unknown"')] = 0.0
+
+
+class ChannelSection(Section):
+    """Where a column of a table was hit, and where it listened."""
+
+    force: Annotated[Any, Reads(_read_way, says='a point and a direction: "1:+z"')]
+    motion: Annotated[Any, Reads(_read_way, says='a point and a direction: "7:-x"')]
+
+
+class ResponseSection(Section):
+    """A file of frequency responses."""
+
+    exactly_one = (("pose", "joints"),)
+
+    file: Annotated[Text, Says("the file of the responses")]
+    pose: Annotated[
+        Any, Reads(_read_pose, says="the name of a pose or its coordinates")
+    ] = None
+    joints: Annotated[dict[str, Any], Says("positions of drives by name")] = {}  # noqa: RUF012
+    drives: Drives = "held"
+    points: Annotated[dict[str, PointSection], ByName, Says(_POINTS)]
+    averages: v.Counted = 1
+    band: Annotated[
+        tuple[v.Frequency, v.Frequency] | None,
+        read_values((q.FREQUENCY,) * 2, _BAND, "positive"),
+    ] = None
+    exponential: Annotated[
+        float | None, Reads(lambda value: q.to_si(value, _DECAY), says='"0.2 s"')
+    ] = None
+    axes: Annotated[tuple[float, float, float], read_values((q.ANGLE,) * 3, _AXES)] = (
+        0.0,
+        0.0,
+        0.0,
+    )
+    quantity: Literal["receptance", "mobility", "accelerance"] | None = None
+    units: Text | None = None
+    channels: Annotated[dict[str, ChannelSection], ByName] = {}  # noqa: RUF012
 
 
 @dataclass(frozen=True)
@@ -86,105 +130,55 @@ class ResponseSetup:
     channels: Mapping[str, Channel]
 
 
-def read_setup(name: str, section: HeaderTable) -> ResponseSetup:
-    """Return a set-up of responses. Raises InputError that names the line and the key."""
-    section.check_keys(RESPONSE_KEYS)
-    file = section.text("file")
-    if file is None:
-        raise section.refuse("file", "expected the file of the responses, got nothing")
-    if ("pose" in section.data) == ("joints" in section.data):
-        raise section.refuse("pose", "expected either pose or joints, one of the two")
-    drives = cast(
-        "Drives", section.choice("drives", get_args(Drives), get_args(Drives)[0])
-    )
-    averages = section.data.get("averages", 1)
-    if not isinstance(averages, int) or isinstance(averages, bool) or averages < 1:
-        expected = "expected a whole number of at least 1"
-        raise section.refuse("averages", f"{expected}, got {show_value(averages)}")
-    band = None
-    if "band" in section.data:
-        example = 'expected two frequencies such as ["20 Hz", "900 Hz"]'
-        low, high = section.values("band", (FREQUENCY,) * 2, example, sign="positive")
-        if low >= high:
-            raise section.refuse("band", f"{example}, the lower first")
-        band = (low, high)
-    exponential = None
-    if "exponential" in section.data:
-        exponential = section.value("exponential", _DECAY)
-    axes = (0.0, 0.0, 0.0)
-    if "axes" in section.data:
-        example = 'expected three angles, a rotation vector, such as [0, 0, "90 deg"]'
-        x, y, z = section.values("axes", (ANGLE,) * 3, example)
-        axes = (x, y, z)
-    quantity, factor = _read_quantity(file, section)
+def read_setup(name: str, section: ResponseSection) -> ResponseSetup:
+    """Return a set-up of responses. Raises FieldError for what does not fit together."""
+    key = ("responses", name)
+    require(section.points, (*key, "points"), _POINTS, "none")
+    if section.band is not None:
+        low, high = section.band
+        require(
+            low < high,
+            (*key, "band"),
+            f"{_BAND}, the lower first",
+            f"{low:g}, {high:g}",
+        )
+    quantity, factor = _read_quantity(key, section)
     return ResponseSetup(
         name=name,
-        file=file,
-        pose=_read_pose(section),
-        joints=section.table("joints").data,
-        drives=drives,
-        points=_read_points(section),
-        averages=averages,
-        band=band,
-        exponential=exponential,
-        axes=axes,
+        file=section.file,
+        pose=section.pose,
+        joints=section.joints,
+        drives=section.drives,
+        points=tuple(
+            MeasuredPoint(point, each.body, each.at, each.mass)
+            for point, each in section.points.items()
+        ),
+        averages=section.averages,
+        band=section.band,
+        exponential=section.exponential,
+        axes=section.axes,
         quantity=quantity,
         factor=factor,
-        channels=_read_channels(section),
+        channels={
+            column: Channel(each.force, each.motion)
+            for column, each in section.channels.items()
+        },
     )
 
 
-def _read_pose(section: HeaderTable) -> str | tuple[Any, ...] | None:
-    value = section.data.get("pose")
-    if isinstance(value, list):
-        return tuple(cast("list[Any]", value))
-    return section.text("pose")
-
-
-def _read_points(section: HeaderTable) -> tuple[MeasuredPoint, ...]:
-    points = list[MeasuredPoint]()
-    for name, table in section.sections("points"):
-        table.check_keys(POINT_KEYS)
-        mass: float | None = 0.0
-        if table.data.get("mass") == _UNKNOWN:
-            mass = None
-        elif "mass" in table.data:
-            mass = table.value("mass", MASS)
-        at = table.point("at") if "at" in table.data else None
-        points.append(MeasuredPoint(name, table.body(), at, mass))
-    if not points:
-        example = '{ 1 = { body = "platform", at = [0, 0, "135 mm"] } }'
-        raise section.refuse("points", f"expected points such as {example}, got none")
-    return tuple(points)
-
-
-def _read_quantity(file: str, section: HeaderTable) -> tuple[Quantity, float]:
+def _read_quantity(
+    key: tuple[str, str], section: ResponseSection
+) -> tuple[Quantity, float]:
     """Return the quantity and the SI value of the unit of a table; SI of a universal file."""
-    if is_universal(Path(file)):
-        message = f"expected none: the universal file {file} states it"
-        section.refuse_others(_OF_TABLES, message)
+    if is_universal(Path(section.file)):
+        stated = f"none: the universal file {section.file} states it"
+        for word in _OF_TABLES:
+            require(word not in section.model_fields_set, (*key, word), stated, "one")
         return "receptance", 1.0
-    quantity = cast("Quantity", section.choice("quantity", tuple(DERIVATIVES)))
-    unit = section.text("units")
-    if unit is None:
+    what = "one of receptance, mobility, accelerance for a table"
+    given: Quantity | None = section.quantity
+    quantity: Quantity = require_given(given, (*key, "quantity"), what)
+    if section.units is None:
         return quantity, 1.0
-    try:
-        return quantity, read_unit(unit, quantity)
-    except InputError as error:
-        message = str(error).partition(": ")[2]
-        raise section.refuse("units", message) from None
-
-
-def _read_channels(section: HeaderTable) -> dict[str, Channel]:
-    """Return the channels of a table by column."""
-    channels = dict[str, Channel]()
-    for name, table in section.sections("channels"):
-        table.check_keys(CHANNEL_KEYS)
-        ends = list[Any]()
-        for key in CHANNEL_KEYS:
-            try:
-                ends.append(read_direction(table.text(key) or ""))
-            except ValueError as error:
-                raise table.refuse(key, str(error)) from None
-        channels[name] = Channel(*ends)
-    return channels
+    with naming_key(*key, "units", inner=True):
+        return quantity, read_unit(section.units, quantity)

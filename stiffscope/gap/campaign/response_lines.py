@@ -77,6 +77,8 @@ class ResponseBlock:
         Complex readings (r, m), m/N.
     sigma
         Standard deviation (r, m) of the real and of the imaginary part.
+    noise
+        The same (r, f) of the lines.
     damping
         Damping ratio of the measured resonances.
     """
@@ -86,6 +88,7 @@ class ResponseBlock:
     mean: Array | None
     value: Complex
     sigma: Array
+    noise: Array
     damping: float
 
     def __len__(self) -> int:
@@ -179,6 +182,7 @@ def _find_lines(
         mean=None,
         value=value,
         sigma=scatter[:, lines],
+        noise=scatter[:, lines],
         damping=damping,
     )
 
@@ -212,6 +216,7 @@ def _find_means(
         mean=mean,
         value=value @ mean.T,
         sigma=np.hypot(noise, settings.floor * size),
+        noise=scatter[:, lines],
         damping=damping,
     )
 

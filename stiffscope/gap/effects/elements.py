@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import naming, require
 from stiffscope.gap.effects.effect import (
     Array,
     Changes,
@@ -121,12 +121,10 @@ def change_elements(mechanism: Mechanism, changes: Changes) -> Mechanism:
         added = float(rest[along, along]) / (1.0 + screw * joint.drive.stiffness)
         rest[along, along] -= added
         if added < 0.0:
-            try:
+            with naming(joint.name):
                 stiffer[joint.name] = replace(
                     joint, drive=joint.drive.add_compliance(added)
                 )
-            except InputError as error:
-                raise InputError(f"{joint.name}: {error}") from error
             bearings[joint.name] = replace(change, compliance=rest)
     if stiffer:
         joints = tuple(stiffer.get(joint.name, joint) for joint in mechanism.joints)
@@ -159,10 +157,7 @@ def add_payloads(mechanism: Mechanism, payloads: Sequence[Payload]) -> Mechanism
         body = bodies[name]
         centre = np.zeros(3) if body.centre is None else body.centre
         whole = body.mass + payload.mass
-        if not whole > 0.0:
-            raise InputError(
-                f"{payload.body}: expected a mass above 0 kg, got {whole:g}"
-            )
+        require(whole > 0.0, payload.body, "a mass above 0 kg", f"{whole:g}")
         if body.elastic is not None:
             bodies[name] = replace(body, mass=whole)
             continue

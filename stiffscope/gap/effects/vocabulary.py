@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 import stiffscope.gap.effects
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.gap.effects.effect import Effect, Setting
 from stiffscope.gap.effects.elements import change_robot
-from stiffscope.robot.file.parse import blame
+from stiffscope.robot.file.parse import naming_key
 from stiffscope.robot.nominal import NominalRobot
 
 if TYPE_CHECKING:
@@ -98,10 +98,7 @@ def apply_effect(
         return robot
     known = _find_candidate(robot, effect, place, list(parameters))
     names = known.parts or known.names
-    if not parameters:
-        raise InputError(
-            f"{effect} @ {place}: expected parameters {', '.join(names)}, got none"
-        )
+    require(parameters, f"{effect} @ {place}", f"parameters {', '.join(names)}", "none")
     nominal = np.zeros(len(known.scale))
     nominal = nominal if known.parts else known.physical(nominal)
     values = dict(zip(names, nominal, strict=True)) | dict(parameters)
@@ -113,15 +110,9 @@ def apply_effect(
 
 def _check_words(effect: str, place: str, parameters: Mapping[str, float]) -> None:
     """Raise InputError for a word or a factor that no robot can have."""
-    if effect not in EFFECTS:
-        raise InputError(
-            f"effect: expected one of {', '.join(EFFECTS)}, got {effect!r}"
-        )
+    require(effect in EFFECTS, "effect", f"one of {', '.join(EFFECTS)}", f"{effect!r}")
     factor = parameters.get("factor", 1.0)
-    if not factor > 0.0:
-        raise InputError(
-            f"{effect} @ {place}, factor: expected more than 0, got {factor:g}"
-        )
+    require(factor > 0.0, f"{effect} @ {place}, factor", "more than 0", f"{factor:g}")
 
 
 def _find_candidate(
@@ -131,17 +122,11 @@ def _find_candidate(
     name = f"{effect} @ {place}"
     known = tuple(find_candidates(Setting(robot)))
     placed = [c for c in known if name in (c.name, *c.aliases)]
-    if not placed:
-        places = dict.fromkeys(c.place for c in known if c.effect == effect)
-        raise InputError(
-            f"{effect}, place: expected one of {', '.join(places)}, got {place!r}"
-        )
+    places = dict.fromkeys(c.place for c in known if c.effect == effect)
+    require(placed, f"{effect}, place", f"one of {', '.join(places)}", repr(place))
     fitting = [c for c in placed if set(given) <= set(c.parts or c.names)]
-    if not fitting:
-        names = ", ".join(placed[0].parts or placed[0].names) or "none"
-        raise InputError(
-            f"{effect}: expected parameters {names}, got {', '.join(given)}"
-        )
+    names = ", ".join(placed[0].parts or placed[0].names) or "none"
+    require(fitting, effect, f"parameters {names}", ", ".join(given))
     found = min(fitting, key=lambda c: len(c.names))
     kind = _KIND_OF[effect]
     if isinstance(found.action, kind) or kind.conversion is None:
@@ -156,7 +141,7 @@ def apply_effects(mechanism: Mechanism, robot: RobotFile) -> Mechanism:
     """
     nominal = NominalRobot(mechanism, robot)
     for number, each in enumerate(robot.effects):
-        with robot.source.refusing(), blame("effects", number):
+        with robot.source.refusing(), naming_key("effects", number):
             nominal = apply_effect(nominal, each.effect, each.place, each.parameters)
     return nominal.mechanism
 
@@ -164,5 +149,5 @@ def apply_effects(mechanism: Mechanism, robot: RobotFile) -> Mechanism:
 def check_effects(robot: RobotFile) -> None:
     """Raise InputError, with the line in the file, for an adopted effect that no robot can have."""
     for number, each in enumerate(robot.effects):
-        with robot.source.refusing(), blame("effects", number):
+        with robot.source.refusing(), naming_key("effects", number):
             _check_words(each.effect, each.place, each.parameters)

@@ -20,7 +20,7 @@ from stiffscope.gap.forward.terminals import (
 )
 from stiffscope.vjm.kinematics.linkage import rotation_vector
 from stiffscope.vjm.model.checks import GROUND
-from stiffscope.vjm.network.loading import Loads
+from stiffscope.vjm.network.loading import ElementState, Loads
 from stiffscope.vjm.network.network import END, FOOT, place_nodes
 from stiffscope.vjm.network.order import find_order, stack_columns
 from stiffscope.vjm.network.strain import find_offsets, find_remaining_offsets
@@ -29,11 +29,12 @@ from stiffscope.vjm.statics.prestress import bend_places
 from stiffscope.vjm.vibration.modes import modes
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
-    from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.gap.campaign.campaign import Campaign, Sensor
     from stiffscope.gap.effects.effect import Changes, Payload
     from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
+    from stiffscope.gap.forward.terminals import Push
     from stiffscope.runtime.types import Array
     from stiffscope.vjm.model.mechanism import Mechanism
     from stiffscope.vjm.network.loading import Response
@@ -58,6 +59,9 @@ class ElasticState:
     """Whether weight acts on the payloads."""
     _nodes: dict[str, Array] = field(default_factory=dict[str, Any], compare=False)
     _wrenches: dict[str, Array] = field(default_factory=dict[str, Any], compare=False)
+    _moved: dict[tuple[object, ...], Array] = field(
+        default_factory=dict[Any, Any], compare=False
+    )
 
     @cached_property
     def mechanism(self) -> Mechanism:
@@ -77,16 +81,23 @@ class ElasticState:
         if not self._is_displaced:
             return rest
         order = find_order(self.mechanism, self.at.configurations.linkage)
-        there = rest
-        loads = Loads(1, {}, find_offsets(order, rest))
+        offsets = find_offsets(order, rest)
+        if not offsets:
+            return rest
+        first = self.at.displace(offsets)
+        if first is None:
+            first = solve_loads(order, rest, Loads(1, {}, offsets), "nodes")
+        there = bend_places(rest, first)
+        size = _size(first, order.length)
         for _ in range(_NEWTON_STEPS):
-            response = solve_loads(order, there, loads)
-            there = bend_places(there, response)
-            if _size(response, order.length) < _CLOSED:
+            if size < _CLOSED:
                 return there
-            loads = Loads(
-                1, {}, find_remaining_offsets(order, there, rest), balanced=1.0
+            offsets = find_remaining_offsets(order, there, rest)
+            step = solve_loads(
+                order, there, Loads(1, {}, offsets, balanced=1.0), "nodes"
             )
+            there = bend_places(there, step)
+            size = _size(step, order.length)
         raise InputError("loop closure: no solution for these geometric errors")
 
     @property
@@ -139,13 +150,24 @@ class ElasticState:
     @cached_property
     def tool(self) -> Array:
         """Twists (p, 6, cases) of the tool at M."""
-        return self._at_every_pose(self._node(END))
+        return self._at_every_pose(self.node(END))
 
-    def _node(self, name: str) -> Array:
+    def node(self, name: str) -> Array:
         """Return the twists (n, 6, cases) of a node at M in base axes."""
         if name not in self._nodes:
             self._nodes[name] = self._response.node(name)
         return self._nodes[name]
+
+    @property
+    def element_states(self) -> Iterator[ElementState]:
+        """States of all elements under unit loads at all terminals."""
+        return self._response.element_states()
+
+    def pushes(self) -> Iterator[Push]:
+        """Yield the wrenches on nodes by all terminals."""
+        payloads = self.payloads
+        weighs = self.weighs
+        return self.at.pushes(self.places, self.mechanism, payloads, weighs=weighs)
 
     @property
     def compliance(self) -> Array:
@@ -156,19 +178,25 @@ class ElasticState:
         """Return motions (p, 6, cases) of M (-1), or a sensor's point from its mount; base axes."""
         if number < 0:
             return self.tool
-        where = self.places
         sensor = self.at.campaign.sensors[number]
+        # channels of one target share its motion
+        point = (sensor.body, tuple(sensor.at), sensor.inside, sensor.against)
+        if point not in self._moved:
+            self._moved[point] = self._move_point(sensor)
+        return self._moved[point]
+
+    def _move_point(self, sensor: Sensor) -> Array:
+        """Return motions (p, 6, cases) of a sensor's point from its mount; base axes."""
+        where = self.places
 
         def motion(node: str) -> Array:
             back = np.swapaxes(wrenches_at(where, sensor.body, sensor.at), -1, -2)
-            return back @ self._node(FOOT if node == GROUND else node)
+            return back @ self.node(FOOT if node == GROUND else node)
 
         across = motion(sensor.body)
         inner = inner_point(self.mechanism, sensor)
         if inner is not None:
-            bent = inner.spread(where) @ (
-                self._node(inner.tip) - self._node(inner.base)
-            )
+            bent = inner.spread(where) @ (self.node(inner.tip) - self.node(inner.base))
             across = across + twists_at(where, inner.base, np.array(sensor.at)) @ bent
         if sensor.against != GROUND:
             across = across - motion(sensor.against)
@@ -184,7 +212,7 @@ class ElasticState:
 
     def work_on_node(self, node: str, wrenches: Array) -> Array:
         """Return work (p, cases, k) of wrenches (p or 1, 6, k) on a node for each terminal load."""
-        return self._at_every_pose(np.swapaxes(self._node(node), -1, -2) @ wrenches)
+        return self._at_every_pose(np.swapaxes(self.node(node), -1, -2) @ wrenches)
 
     def transmit_motions(self, name: str) -> Array:
         """Return motions (p, k, cases) in a joint's free directions per terminal unit load."""
@@ -286,6 +314,17 @@ class Softened:
         for cut, slip in zip(self.cuts, self.slips, strict=True):
             out = out + cut.elements[name].motions @ slip
         return out
+
+    def element_states(self) -> Iterator[ElementState]:
+        """Yield the states of all elements."""
+        for name, state in self.sound.elements.items():
+            carried, across, rates = state.carried, state.across, state.rates
+            for cut, slip in zip(self.cuts, self.slips, strict=True):
+                own = cut.elements[name]
+                carried = carried + own.carried @ slip
+                across = across + own.across @ slip
+                rates = rates + own.rates @ slip
+            yield ElementState(state.element, state.where, carried, across, rates)
 
     def find_wrench(self, rows: Sequence[str]) -> Array:
         """Return wrenches (n, 6m, cases) in m elements, each at its own point in its own axes."""

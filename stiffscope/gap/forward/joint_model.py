@@ -17,7 +17,7 @@ from stiffscope.gap.campaign.response_lines import (
 from stiffscope.gap.effects.masses import Gravity
 from stiffscope.gap.effects.vocabulary import find_candidates
 from stiffscope.gap.forward.forward_model import Noise
-from stiffscope.gap.forward.joint_prediction import JointPrediction
+from stiffscope.gap.forward.joint_prediction import JointPrediction, SoundSetups
 from stiffscope.gap.forward.nuisance import nuisance_patterns
 from stiffscope.gap.forward.twins import merge_twins
 
@@ -52,12 +52,15 @@ class JointModel:
         Of local means of lines, relative to frequency; 0: lines.
     known
         Library of effects, where another width has it already.
+    sound
+        Modes of the nominal robot, where another width has them already.
     """
 
     readings: RobotModel
     responses: tuple[MeasuredResponses, ...]
     width: float = 0.0
     known: tuple[Candidate, ...] | None = None
+    sound: SoundSetups | None = None
 
     @property
     def nominal(self) -> NominalRobot:
@@ -104,7 +107,7 @@ class JointModel:
     def _coarse(self) -> JointModel | None:
         if self.width:
             return None
-        return JointModel(self.readings, self.responses, WIDTH, self.known)
+        return JointModel(self.readings, self.responses, WIDTH, self.known, self._sound)
 
     @property
     def library(self) -> tuple[Candidate, ...]:
@@ -150,12 +153,20 @@ class JointModel:
         if not parameters:
             return self._nominal
         return JointPrediction(
-            self.campaign, self.readings.predict(parameters), self.blocks
+            self.campaign, self.readings.predict(parameters), self.blocks, self._sound
         )
 
     @cached_property
     def _nominal(self) -> JointPrediction:
-        return JointPrediction(self.campaign, self.readings.predict(), self.blocks)
+        return JointPrediction(
+            self.campaign, self.readings.predict(), self.blocks, self._sound
+        )
+
+    @cached_property
+    def _sound(self) -> SoundSetups:
+        if self.sound is not None:
+            return self.sound
+        return SoundSetups(self.readings.predict().elastic_state.loaded_mechanism)
 
     def doubt_again(self, parameters: Parameters) -> JointModel | None:
         """Return the model with other faults of instruments that a prediction shows, if any."""

@@ -2,23 +2,90 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.gap.forward.response_state import MassRate, ResponseState
+from stiffscope.gap.forward.response_state import (
+    MassRate,
+    ResponseState,
+    spread_inertia,
+)
 from stiffscope.gap.forward.robot_prediction import Pattern
+from stiffscope.vjm.vibration.changed_modes import (
+    AddedInertia,
+    ChangedModes,
+    SoundModes,
+)
 from stiffscope.vjm.vibration.coordinates import PointMass
+from stiffscope.vjm.vibration.modal_model import solve_all_modes
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from stiffscope.gap.campaign.campaign import Campaign
+    from stiffscope.gap.campaign.measured_responses import MeasuredResponses
     from stiffscope.gap.campaign.response_lines import ResponseBlock
-    from stiffscope.gap.effects.effect import Candidate
+    from stiffscope.gap.effects.effect import Candidate, Payload
+    from stiffscope.gap.forward.elastic_state import ElasticState
     from stiffscope.gap.forward.robot_prediction import RobotPrediction
     from stiffscope.gap.forward.steps import Step, Steps
     from stiffscope.runtime.types import Array
+    from stiffscope.vjm.model.mechanism import Mechanism
+
+
+@dataclass(frozen=True, eq=False)
+class SoundSetups:
+    """Modes of the nominal robot as it was hit in each set-up; lazy and cached."""
+
+    mechanism: Mechanism
+    _found: dict[str, SoundModes | None] = field(default_factory=dict[str, Any])
+
+    def find(self, measured: MeasuredResponses) -> SoundModes | None:
+        """Return those of a set-up; None if it moves freely there."""
+        name = measured.setup.name
+        if name not in self._found:
+            sound = None
+            if measured.setup.drives == "held":
+                modal = solve_all_modes(
+                    self.mechanism,
+                    measured.configuration,
+                    masses=list_masses(measured, {}),
+                )
+                sound = SoundModes(modal)
+                points = measured.setup.points
+                if any(
+                    sound.moves_freely(p.body, measured.places[p.name]) for p in points
+                ):
+                    sound = None
+            self._found[name] = sound
+        return self._found[name]
+
+
+def list_masses(
+    measured: MeasuredResponses, extra: dict[str, float]
+) -> tuple[PointMass, ...]:
+    """Return the masses of a set-up's sensors, stated and extra by point."""
+    return tuple(
+        PointMass(point.body, measured.places[point.name], mass)
+        for point in measured.setup.points
+        for mass in [(point.mass or 0.0) + extra.get(point.name, 0.0)]
+        if mass > 0.0
+    )
+
+
+def find_added(elastic: ElasticState) -> dict[str, Array] | None:
+    """Return the added compliance of all changed elements; None if springs have changed, too."""
+    added: dict[str, Array] = {}
+    for changes in elastic.changes:
+        for name, change in changes.items():
+            if change.spring:
+                return None
+            if change.compliance is not None and change.compliance.any():
+                added[name] = added.get(name, 0.0) + change.compliance
+    return added
 
 
 @dataclass(frozen=True)
@@ -33,33 +100,62 @@ class JointPrediction:
         Prediction of the readings alone.
     blocks
         Measured responses.
+    sound
+        Modes of the nominal robot.
     """
 
     campaign: Campaign
     readings: RobotPrediction
     blocks: tuple[ResponseBlock, ...]
+    sound: SoundSetups
 
     @cached_property
     def states(self) -> tuple[ResponseState, ...]:
         """The robot as it was hit, of each block; those of one set-up share their modes."""
-        influences = self.readings.influences
         elastic = self.readings.elastic_state
         extra = dict[str, float]()
-        for influence in influences:
+        for influence in self.readings.influences:
             for name, mass in influence.sensor_masses.items():
                 extra[name] = extra.get(name, 0.0) + mass
-        mechanism = elastic.loaded_mechanism
+        mechanism = elastic.loaded_mechanism  # checks that every change is possible
+        added = find_added(elastic)
+        changed: dict[str, ChangedModes | None] = {}
         states = list[ResponseState]()
         for block in self.blocks:
             measured = block.measured
-            masses = [
-                PointMass(point.body, measured.places[point.name], mass)
-                for point in measured.setup.points
-                for mass in [(point.mass or 0.0) + extra.get(point.name, 0.0)]
-                if mass > 0.0
-            ]
-            states.append(ResponseState(block, mechanism, tuple(masses)))
+            setup = measured.setup.name
+            if setup not in changed:
+                changed[setup] = self._change(measured, added, elastic.payloads, extra)
+            masses = list_masses(measured, extra)
+            state = ResponseState(block, mechanism, masses, changed=changed[setup])
+            states.append(state)
         return tuple(states)
+
+    def _change(
+        self,
+        measured: MeasuredResponses,
+        added: dict[str, Array] | None,
+        payloads: Sequence[Payload],
+        extra: dict[str, float],
+    ) -> ChangedModes | None:
+        """Return the modes of a set-up by changes of the nominal ones; None if they do not tell."""
+        sound = self.sound.find(measured)
+        if added is None or sound is None:
+            return None
+        where = sound.modal.system.where
+        inertias = [
+            AddedInertia(each.body, each.at, spread_inertia(each, where))
+            for each in payloads
+            if each.mass or each.moments.any()
+        ]
+        for point in measured.setup.points:
+            mass = extra.get(point.name, 0.0)
+            if mass:
+                whole = np.zeros((6, 6))
+                whole[:3, :3] = mass * np.eye(3)
+                place = measured.places[point.name]
+                inertias.append(AddedInertia(point.body, place, whole))
+        return ChangedModes(sound, added, inertias)
 
     @property
     def values(self) -> Array:

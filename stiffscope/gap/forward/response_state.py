@@ -7,7 +7,7 @@ spring changes it by
     δH = W_i · δC W_j - u_i · (s² δM + δK) u_j,
 
 with the wrench W in the element and the motion u of the node under unit forces at the ports
-(docs/theory.md, section 10.5). W is that of the static response to the port's force and to the
+(docs/theory.md, section 11.8). W is that of the static response to the port's force and to the
 inertial loads of all modes that do not follow statically.
 
 Damping by mode, gain and phase of each channel and its small rotation are fitted with every
@@ -16,15 +16,16 @@ prediction, and no cause: readings and derivatives are without what these can fo
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from stiffscope.gap.campaign.response_lines import stack_parts
 from stiffscope.responses.model import DERIVATIVES
-from stiffscope.vjm.vibration.modal_model import solve_all_modes
+from stiffscope.vjm.network.network import place_nodes
+from stiffscope.vjm.vibration.modal_model import SolvedModes, solve_all_modes
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -34,9 +35,9 @@ if TYPE_CHECKING:
     from stiffscope.responses.model import Direction
     from stiffscope.runtime.types import Array, Complex, Flags, Indices
     from stiffscope.vjm.model.mechanism import Mechanism
-    from stiffscope.vjm.network.loading import Response as StaticResponse
+    from stiffscope.vjm.network.network import Places
+    from stiffscope.vjm.vibration.changed_modes import ChangedModes
     from stiffscope.vjm.vibration.coordinates import PointMass
-    from stiffscope.vjm.vibration.modal_model import ModalModel
 
 
 @dataclass(frozen=True)
@@ -51,12 +52,23 @@ class NuisanceSettings:
         Of every direction of force or motion, rad.
     damping
         Of the logarithm of a mode's damping ratio.
+    coupling
+        Of the coupling of the damping of two close modes, relative to their own.
+    coupled
+        Largest coupling.
+    close
+        Distance of close modes, relative to frequency, over their damping ratio: twice the
+        half-power width.
+    heard
+        Height of a mode's peak over the noise from which its damping is fitted.
     rounds
         Most steps of the fit of damping.
     step
         Largest change of that logarithm in one.
     settled
         Change at which the fit ends.
+    gained
+        Decrease of χ² at which it ends.
     least, most
         Range of damping ratios.
     beside
@@ -64,18 +76,26 @@ class NuisanceSettings:
     static
         Frequency of modes over the highest line from which inertial loads are left out of
         derivatives.
+    far
+        The same from which modes have no damping, and no more than their inertia.
     """
 
     gain: float = 0.015
     turn: float = 0.015
     damping: float = 1.0
-    rounds: int = 3
+    coupling: float = 0.3
+    coupled: float = 0.95
+    close: float = 4.0
+    heard: float = 0.3
+    rounds: int = 10
     step: float = 1.0
     settled: float = 0.01
+    gained: float = 0.1
     least: float = 1e-5
     most: float = 0.3
     beside: float = 1.15
     static: float = 4.0
+    far: float = 10.0
 
 
 SETTINGS = NuisanceSettings()
@@ -107,15 +127,25 @@ class _Nuisance:
         squares, vectors = np.linalg.eigh(left.T @ left)
         return cls(gain, left, squares.clip(min=0.0), vectors)
 
-    def solve(self, change: Complex) -> Array:
-        """Return the nuisances (q,) besides gains that fit a change (r, m) best."""
+    def solve(self, change: Complex, at: Array) -> Array:
+        """Return the step (q,) of the nuisances besides gains that fits a change (r, m) best.
+
+        at: nuisances (q,) about which the columns are, in prior sizes.
+        """
         left = stack_parts(_leave_gain(self.gain, change))
-        inner = self.vectors.T @ (self.columns.T @ left)
+        inner = self.vectors.T @ (self.columns.T @ left - at)
         return self.vectors @ (inner / (self.squares + 1.0))
 
     def leave(self, change: Complex) -> Array:
         """Return what is left (n, ...) of changes (r, m, ...)."""
+        return self._leave(stack_parts(_leave_gain(self.gain, change)))
+
+    def leave_residual(self, change: Complex, at: Array) -> Array:
+        """Return what is left (n,) of a residual (r, m) at nuisances (q,) other than usual."""
         left = stack_parts(_leave_gain(self.gain, change))
+        return self._leave(left + self.columns @ at)
+
+    def _leave(self, left: Array) -> Array:
         inner = self.vectors.T @ (self.columns.T @ left)
         part = _take_share(self.squares).reshape(-1, *(1,) * (left.ndim - 1))
         return left - self.columns @ (self.vectors @ (part * inner))
@@ -172,6 +202,159 @@ def _find_inertia(payload: Payload) -> Array:
 
 
 @dataclass(frozen=True, eq=False)
+class _Damping:
+    """Damping of modes: ratios (d,), and couplings of close ones, relative to those of the pair.
+
+    Modes closer than their half-power widths share their damping: its matrix is not diagonal.
+
+    Attributes
+    ----------
+    ratios
+        Damping ratios (d,).
+    fitted
+        Modes (a,) whose ratio is fitted.
+    pairs
+        Coupled modes (b, 2).
+    coupling
+        Couplings (b,), within ±1.
+    usual
+        Damping ratio where lines tell none.
+    """
+
+    ratios: Array
+    fitted: Indices
+    pairs: Indices
+    coupling: Array
+    usual: float
+
+    def find_distance(self, count: int, limits: NuisanceSettings) -> Array:
+        """Return all nuisances (count,), damping first, from the usual ones in prior sizes."""
+        out = np.zeros(count)
+        own = np.log(self.ratios[self.fitted] / self.usual) / limits.damping
+        both = np.concatenate([own, self.coupling / limits.coupling])
+        out[: len(both)] = both
+        return out
+
+    def move(self, change: Array, limits: NuisanceSettings) -> tuple[_Damping, float]:
+        """Return the damping after a change (a + b, ...) in prior sizes, and the largest change."""
+        count = len(self.fitted)
+        step = np.clip(change[:count] * limits.damping, -limits.step, limits.step)
+        ratios = self.ratios.copy()
+        now = ratios[self.fitted] * np.exp(step)
+        ratios[self.fitted] = np.clip(now, limits.least, limits.most)
+        most = limits.coupled
+        both = change[count : count + len(self.coupling)]
+        coupling = np.clip(self.coupling + both * limits.coupling, -most, most)
+        moved = np.abs(np.concatenate([step, coupling - self.coupling]))
+        out = replace(self, ratios=ratios, coupling=coupling)
+        return out, float(moved.max(initial=0.0))
+
+    def scale_pairs(self, critical: Array) -> Array:
+        """Return the damping (b,) of a coupling of one, for critical damping (d,)."""
+        first, second = self.pairs.T
+        whole = self.ratios * critical
+        return np.sqrt(whole[first] * whole[second])
+
+    def find_clusters(self) -> list[Indices]:
+        """Return modes that are coupled, cluster by cluster."""
+        joined: dict[int, set[int]] = {}
+        for (i, j), size in zip(self.pairs.tolist(), self.coupling, strict=True):
+            if size:
+                both = joined.get(i, {i}) | joined.get(j, {j})
+                joined.update(dict.fromkeys(both, both))
+        distinct = {min(each): each for each in joined.values()}
+        return [np.array(sorted(each)) for each in distinct.values()]
+
+    def couple(self, cluster: Indices, critical: Array) -> Array:
+        """Return the damping matrix (n, n) between the modes of a cluster, without its diagonal."""
+        out = np.zeros((len(cluster), len(cluster)))
+        sizes = self.coupling * self.scale_pairs(critical)
+        for (i, j), size in zip(self.pairs, sizes, strict=True):
+            if i in cluster and j in cluster:
+                a, b = np.searchsorted(cluster, (i, j))
+                out[a, b] = size
+                out[b, a] = size
+        return out
+
+
+@dataclass(frozen=True, eq=False)
+class _FittedDamping:
+    """A damping with what follows from it.
+
+    Attributes
+    ----------
+    amplitudes
+        Of near modes (a, p, f) under unit forces at the ports.
+    lines
+        Predicted (r, f).
+    left
+        Residual (r, m) over the noise.
+    distance
+        Nuisances (q,) from the usual ones, in prior sizes.
+    rest
+        What they leave (n,) of the residual.
+    """
+
+    damping: _Damping
+    amplitudes: Complex
+    lines: Complex
+    nuisance: _Nuisance
+    left: Complex
+    distance: Array
+    rest: Array
+
+    @property
+    def square(self) -> float:
+        """χ² with the nuisances marginalized."""
+        return float(self.rest @ self.rest)
+
+
+def spread_inertia(payload: Payload | MassRate, where: Places) -> Array:
+    """Return inertia (6, 6) of a payload, or its rate, about its point in base axes, as displaced."""
+    turn = np.asarray(where.rotation[payload.body]).reshape(-1, 3, 3)[0]
+    arm = turn @ payload.moments
+    inertia = (
+        payload.inertia if isinstance(payload, MassRate) else _find_inertia(payload)
+    )
+    matrix = np.zeros((6, 6))
+    matrix[:3, :3] = payload.mass * np.eye(3)
+    lever = np.cross(np.eye(3), arm).T  # v · (ω × a)
+    matrix[:3, 3:] = lever
+    matrix[3:, :3] = lever.T
+    matrix[3:, 3:] = turn @ inertia @ turn.T
+    return matrix
+
+
+class Modes(Protocol):
+    """Modes of a robot: a static part of flexibilities (k,), and d modes with mass."""
+
+    @property
+    def mass(self) -> Array:
+        """Modal masses (d,)."""
+        ...
+
+    @property
+    def stiffness(self) -> Array:
+        """Modal stiffnesses (d,)."""
+        ...
+
+    @property
+    def static(self) -> Array:
+        """Flexibilities (k,) of the static part."""
+        ...
+
+    def displace(self, node: str, at: Array) -> tuple[Array, Array]:
+        """Return twists (6, k) and (6, d) of a node's home point in base axes."""
+        ...
+
+    def find_wrenches(
+        self, name: str, points: Sequence[tuple[str, Array, Array]]
+    ) -> tuple[Array, Array]:
+        """Return wrenches (6m, p) in an element under forces, and (6m, d) by inertial loads."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
 class ResponseState:
     """One block of responses of a robot with changed elements and masses; all lazy and cached.
 
@@ -183,30 +366,40 @@ class ResponseState:
         The robot with its changes.
     masses
         On it, besides the sensors' stated masses.
+    changed
+        Its modes in terms of those of the robot without changes; None: they are solved.
     """
 
     block: ResponseBlock
     mechanism: Mechanism
     masses: tuple[PointMass, ...] = ()
     settings: NuisanceSettings = SETTINGS
-    _twists: dict[Any, Array] = field(default_factory=dict[Any, Any])
+    changed: ChangedModes | None = None
+    _twists: dict[Any, Any] = field(default_factory=dict[Any, Any])
     _fields: dict[Any, Any] = field(default_factory=dict[Any, Any])
 
     @cached_property
-    def modal(self) -> ModalModel:
-        """All modes."""
+    def solved(self) -> SolvedModes:
+        """All modes of the robot with its changes, solved anew."""
         measured = self.block.measured
-        return solve_all_modes(
-            self.mechanism,
-            measured.configuration,
-            drives=measured.setup.drives,
-            masses=self.masses,
+        return SolvedModes(
+            solve_all_modes(
+                self.mechanism,
+                measured.configuration,
+                drives=measured.setup.drives,
+                masses=self.masses,
+            )
         )
+
+    @property
+    def modes(self) -> Modes:
+        """All modes."""
+        return self.solved if self.changed is None else self.changed
 
     @cached_property
     def frequencies(self) -> Array:
-        """Natural frequencies (c,), Hz: infinite of massless modes."""
-        return np.sqrt(self.modal.squares) / (2.0 * np.pi)
+        """Natural frequencies (d,), Hz, of the modes with mass."""
+        return np.sqrt(self.modes.stiffness / self.modes.mass) / (2.0 * np.pi)
 
     @cached_property
     def ends(self) -> list[Direction]:
@@ -229,17 +422,12 @@ class ResponseState:
             ]
         )
 
-    def displace(self, node: str, at: Array) -> Array:
-        """Return the twists (6, c) of a node's home point in base axes, in every mode."""
+    def displace(self, node: str, at: Array) -> tuple[Array, Array]:
+        """Return the twists of a node's home point: (6, k) in the static part, (6, d) in modes."""
         key = node, tuple(np.asarray(at, dtype=float).tolist())
         if key not in self._twists:
-            self._twists[key] = self.modal.displace(node, at)
+            self._twists[key] = self.modes.displace(node, at)
         return self._twists[key]
-
-    def displace_point(self, name: str) -> Array:
-        """Return the twists (6, c) of a measured point."""
-        measured = self.block.measured
-        return self.displace(measured.point(name).body, measured.places[name])
 
     @cached_property
     def directions(self) -> Array:
@@ -247,32 +435,41 @@ class ResponseState:
         return np.array([self.block.measured.find_direction(end) for end in self.ends])
 
     @cached_property
-    def ports(self) -> Array:
-        """Displacements (p, c) of the ports in every mode."""
+    def _both_ports(self) -> tuple[Array, Array]:
         return self._project(self.directions)
 
-    def _project(self, directions: Array) -> Array:
-        """Return displacements (p, c) along directions (p, 6) at the ports' points."""
-        moved = [
-            along @ self.displace_point(end.point)
-            for end, along in zip(self.ends, directions, strict=True)
-        ]
-        return np.array(moved)
+    @property
+    def ports(self) -> Array:
+        """Displacements (p, d) of the ports in every mode."""
+        return self._both_ports[1]
+
+    def _project(self, directions: Array) -> tuple[Array, Array]:
+        """Return displacements (p, k) and (p, d) along directions (p, 6) at the ports' points."""
+        measured = self.block.measured
+        static: list[Array] = []
+        moving: list[Array] = []
+        for end, along in zip(self.ends, directions, strict=True):
+            body = measured.point(end.point).body
+            still, moved = self.displace(body, measured.places[end.point])
+            static.append(along @ still)
+            moving.append(along @ moved)
+        return np.array(static), np.array(moving)
 
     @cached_property
-    def _crossing(self) -> tuple[Array, Array]:
-        """Displacements (p, c) along two directions square to each port's."""
+    def _crossing(self) -> list[tuple[Array, Array]]:
+        """Displacements along two directions square to each port's."""
         own = self.directions[:, :3] + self.directions[:, 3:]
         least = np.eye(3)[np.argmin(np.abs(own), axis=1)]
         second = np.cross(own, least)
         second = second / np.linalg.norm(second, axis=1, keepdims=True)
         third = np.cross(own, second)
         turns: Flags = np.any(self.directions[:, 3:] != 0.0, axis=1, keepdims=True)
-        spread = [
-            np.hstack([np.where(turns, 0.0, each), np.where(turns, each, 0.0)])
+        return [
+            self._project(
+                np.hstack([np.where(turns, 0.0, each), np.where(turns, each, 0.0)])
+            )
             for each in (second, third)
         ]
-        return self._project(spread[0]), self._project(spread[1])
 
     @cached_property
     def s(self) -> Complex:
@@ -284,93 +481,204 @@ class ResponseState:
     def window(self) -> Complex:
         """Factor (r, f) by which the window changes the lines of measured motions."""
         line = 2j * np.pi * self.block.frequency
+        return (self.s / line) ** self._orders
+
+    @cached_property
+    def _orders(self) -> Array:
+        """Orders (r, 1) of the derivatives by time that were measured."""
         orders = [
             DERIVATIVES[response.quantity] for response in self.block.measured.responses
         ]
-        return (self.s / line) ** np.array(orders)[:, None]
+        return np.array(orders, dtype=float)[:, None]
 
     @cached_property
-    def _damped(self) -> Indices:
-        """Modes (d,) whose damping is fitted: those in or beside the band."""
+    def _near(self) -> Indices:
+        """Modes (a,) whose resonance lines show; those far above follow, but for their inertia."""
+        limit = self.settings.far * self.block.frequency[-1]
+        return np.flatnonzero(self.frequencies < limit)
+
+    @cached_property
+    def _functionals(self) -> tuple[Array, Array]:
+        """Displacements of the ports, then across them (3p, k) and (3p, d)."""
+        static, moving = zip(self._both_ports, *self._crossing, strict=True)
+        return np.vstack(static), np.vstack(moving)
+
+    @cached_property
+    def _rest(self) -> tuple[Array, Array]:
+        """Flexibility (3p, p) of all that has no resonance here, and what is multiplied by s²."""
+        still, moved = self._functionals
+        p = len(self.ends)
+        far = np.setdiff1d(np.arange(moved.shape[1]), self._near)
+        flexible = 1.0 / self.modes.stiffness[far]
+        static = (still * self.modes.static) @ still[:p].T
+        static = static + (moved[:, far] * flexible) @ moved[:p, far].T
+        inertia = self.modes.mass[far] * flexible**2
+        return static, -(moved[:, far] * inertia) @ moved[:p, far].T
+
+    @cached_property
+    def _nominal_damping(self) -> _Damping:
+        """Usual damping of the near modes; fitted are those that are heard in or beside the band."""
         lines = self.block.frequency
-        beside = self.settings.beside
-        found = self.frequencies
-        return np.flatnonzero(
-            (found > lines[0] / beside) & (found < lines[-1] * beside)
+        limits = self.settings
+        found = self.frequencies[self._near]
+        ratio = self.block.damping
+        beside = (found > lines[0] / limits.beside) & (
+            found < lines[-1] * limits.beside
         )
+        modes = np.flatnonzero(beside)
+        # the peak of each mode, 1/(2 ζ k), in the responses over their noise nearby
+        at = np.abs(np.log(found[modes, None] / lines)).argmin(axis=1)
+        force, motion = self.pairs.T
+        own = self._near[modes]
+        part = self.ports[force][:, own] * self.ports[motion][:, own]
+        peak = np.abs(part) / (2.0 * ratio * self.modes.stiffness[own])
+        heard = np.any(peak > limits.heard * self.block.noise[:, at], axis=0)
+        fitted = modes[heard]
+        apart = np.abs(np.log(found[fitted, None] / found[fitted]))
+        close = np.argwhere(np.triu(apart < limits.close * ratio, 1))
+        ratios = np.full(len(found), ratio)
+        return _Damping(ratios, fitted, fitted[close], np.zeros(len(close)), ratio)
 
     @cached_property
-    def _fitted(self) -> tuple[Array, Complex, Complex, _Nuisance]:
-        """Damping ratios (c,), flexibilities g (c, f), lines (r, f), and nuisances."""
-        ratios = np.full(len(self.modal.mass), self.block.damping)
+    def _fitted(self) -> _FittedDamping:
+        """Damping that fits best, by Gauss-Newton steps that are halved where they are too long."""
         limits = self.settings
-        flexibility = self._respond(ratios)
-        lines = self._superpose(flexibility)
-        nuisance = self._find_nuisance(ratios, flexibility, lines)
-        d = len(self._damped)
-        fits = d > 0 and self.block.mean is None  # local means hardly show damping
-        for _ in range(limits.rounds if fits else 0):
-            left = (self.block.value - self.block.read(lines)) * self.block.weight
-            change = nuisance.solve(left)[:d] * limits.damping
-            change = np.clip(change, -limits.step, limits.step)
-            ratios = ratios.copy()
-            now = ratios[self._damped] * np.exp(change)
-            ratios[self._damped] = np.clip(now, limits.least, limits.most)
-            flexibility = self._respond(ratios)
-            lines = self._superpose(flexibility)
-            nuisance = self._find_nuisance(ratios, flexibility, lines)
-            if np.abs(change).max() < limits.settled:
+        best = self._fit_at(self._nominal_damping)
+        if self.block.mean is not None or not len(best.damping.fitted):
+            return best  # local means hardly show damping
+        share = 1.0
+        for _ in range(limits.rounds):
+            step = share * best.nuisance.solve(best.left, best.distance)
+            damping, moved = best.damping.move(step, limits)
+            now = self._fit_at(damping)
+            if now.square > best.square:
+                share *= 0.5
+                continue
+            gained = best.square - now.square
+            best = now
+            share = 1.0
+            if moved < limits.settled or gained < limits.gained:
                 break
-        return ratios, flexibility, lines, nuisance
+        return best
+
+    def _fit_at(self, damping: _Damping) -> _FittedDamping:
+        """Return lines and nuisances with a damping."""
+        amplitudes = self._respond(damping, self.s)
+        received = self._receive(amplitudes, self.s)
+        lines = self._pick_lines(received)
+        nuisance = self._find_nuisance(damping, amplitudes, received)
+        left = (self.block.value - self.block.read(lines)) * self.block.weight
+        distance = damping.find_distance(len(nuisance.squares), self.settings)
+        rest = nuisance.leave_residual(left, distance)
+        return _FittedDamping(
+            damping, amplitudes, lines, nuisance, left, distance, rest
+        )
 
     @property
     def damping(self) -> Array:
-        """Fitted damping ratios (c,) of all modes; those out of the band have the usual one."""
-        return self._fitted[0]
+        """Fitted damping ratios (d,) of all modes; those out of the band have the usual one."""
+        out = np.full(len(self.frequencies), self.block.damping)
+        out[self._near] = self._fitted.damping.ratios
+        return out
 
     @property
     def lines(self) -> Complex:
         """Predicted lines (r, f), m/N, without errors of channels."""
-        return self._fitted[2]
+        return self._fitted.lines
 
-    def _respond(self, ratios: Array) -> Complex:
-        """Return the flexibilities g (c, f) of modes with damping ratios (c,)."""
-        mass = self.modal.mass[:, None]
-        stiffness = self.modal.stiffness[:, None]
-        loss = 2.0 * ratios[:, None] * np.sqrt(stiffness * mass)
-        return 1.0 / (stiffness + self.s * (loss + self.s * mass))
+    @cached_property
+    def amplitudes(self) -> Complex:
+        """Amplitudes (d, p, f) of the modes under unit forces at the ports."""
+        mass = self.modes.mass[:, None]
+        stiffness = self.modes.stiffness[:, None]
+        own = 1.0 / (stiffness + self.s**2 * mass)
+        out = own[:, None] * self.ports.T[..., None]
+        out[self._near] = self._fitted.amplitudes
+        return out
 
-    def _superpose(self, flexibility: Complex) -> Complex:
+    @cached_property
+    def _loss(self) -> Array:
+        """Critical damping (a,) of the near modes, ``2 √(k m)``."""
+        near = self._near
+        return 2.0 * np.sqrt(self.modes.stiffness[near] * self.modes.mass[near])
+
+    def predict_lines(self, hertz: Array) -> Complex:
+        """Return the lines (r, f) at other frequencies (f,), with the fitted damping."""
+        line = 2j * np.pi * hertz
+        s = self.block.measured.decay + line
+        received = self._receive(self._respond(self._fitted.damping, s), s)
         force, motion = self.pairs.T
-        part = self.ports[force] * self.ports[motion]
-        return (part @ flexibility) * self.window
+        return received[motion, force] * (s / line) ** self._orders
+
+    def _respond(self, damping: _Damping, s: Complex) -> Complex:
+        """Return the amplitudes (a, p, f) of near modes under unit forces at the ports."""
+        near = self._near
+        mass = self.modes.mass[near, None]
+        stiffness = self.modes.stiffness[near, None]
+        loss = (damping.ratios * self._loss)[:, None]
+        own = 1.0 / (stiffness + s * (loss + s * mass))
+        ports = self.ports[:, near]
+        out = own[:, None] * ports.T[..., None]
+        for cluster in damping.find_clusters():
+            whole = damping.couple(cluster, self._loss)
+            dynamic = s[:, None, None] * whole
+            at = np.arange(len(cluster))
+            dynamic[:, at, at] = 1.0 / own[cluster].T
+            forces = np.broadcast_to(
+                ports.T[cluster].astype(complex),
+                (len(s), len(cluster), len(ports)),
+            )
+            out[cluster] = np.moveaxis(np.linalg.solve(dynamic, forces), 0, -1)
+        return out
+
+    def _receive(self, amplitudes: Complex, s: Complex) -> Complex:
+        """Return motions (3p, p, f) of the ports, then across them, by unit forces at the ports."""
+        moved = self._functionals[1][:, self._near]
+        static, inertial = self._rest
+        count = amplitudes[0].size if len(amplitudes) else len(self.ends) * len(s)
+        flat = amplitudes.reshape(len(amplitudes), count)
+        # real products take half the work
+        out = (moved @ flat.view(np.float64)).view(np.complex128)
+        out = out.reshape(len(moved), len(self.ends), len(s))
+        return out + static[..., None] + inertial[..., None] * s**2
+
+    def _pick_lines(self, received: Complex) -> Complex:
+        force, motion = self.pairs.T
+        return received[motion, force] * self.window
 
     def _find_nuisance(
-        self, ratios: Array, flexibility: Complex, lines: Complex
+        self, damping: _Damping, amplitudes: Complex, received: Complex
     ) -> _Nuisance:
-        """Return the nuisances about predicted lines (r, f): damping first, then directions."""
+        """Return the nuisances about predicted motions (3p, p, f): damping first, then directions."""
         force, motion = self.pairs.T
-        d = self._damped
-        r = len(lines)
-        part = self.ports[force][:, d] * self.ports[motion][:, d]
-        size = 2.0 * ratios[d] * np.sqrt(self.modal.stiffness[d] * self.modal.mass[d])
-        slope = -(size[:, None] * self.s) * flexibility[d] ** 2
+        limits = self.settings
+        d = damping.fitted
+        lines = self._pick_lines(received)
+        rows = np.arange(len(lines))
         weight = self.block.weight[..., None]
-        damping = part[:, None] * slope.T * self.window[..., None]
-        columns = [self.settings.damping * self.block.read(damping) * weight]
-        rows = np.arange(r)
+        window = self.window[..., None]
+        slopes = np.empty((*lines.shape, len(d) + len(damping.pairs)), dtype=complex)
+        size = limits.damping * damping.ratios * self._loss
+        for k, i in enumerate(d):
+            heard = amplitudes[i]
+            slopes[..., k] = -(size[i] * self.s) * (heard[force] * heard[motion])
+        sizes = limits.coupling * damping.scale_pairs(self._loss)
+        for k, (i, j) in enumerate(damping.pairs, start=len(d)):
+            one = amplitudes[i]
+            other = amplitudes[j]
+            both = one[force] * other[motion] + other[force] * one[motion]
+            slopes[..., k] = -(sizes[k - len(d)] * self.s) * both
+        columns = [self.block.read(slopes * window) * weight]
+        p = len(self.ends)
         for side, other in ((force, motion), (motion, force)):
             known, which = np.unique(side, return_inverse=True)
-            crossing = np.stack([each[side] for each in self._crossing], axis=2)
-            turned = [
-                (crossing[..., k] * self.ports[other]) @ flexibility * self.window
-                for k in range(crossing.shape[2])
-            ]
-            seen = self.block.read(np.stack(turned, axis=2)) * weight
+            crossed = [received[(k + 1) * p + side, other] for k in (0, 1)]
+            crossed = np.stack(crossed, axis=2) * window
+            seen = self.block.read(crossed) * weight
             apart = np.zeros((*seen.shape, len(known)), dtype=complex)
-            apart[rows, ..., which] = self.settings.turn * seen
+            apart[rows, ..., which] = limits.turn * seen
             columns.append(apart.reshape(*seen.shape[:2], -1))
-        gain = self.settings.gain * self.block.read(lines) * self.block.weight
+        gain = limits.gain * self.block.read(lines) * self.block.weight
         return _Nuisance.find(gain, np.concatenate(columns, axis=2))
 
     def share(self, change: Complex) -> Array:
@@ -378,7 +686,7 @@ class ResponseState:
 
         Their squares are those of errors with the nuisances marginalized.
         """
-        return self._fitted[3].leave(change)
+        return self._fitted.nuisance.leave(change)
 
     @cached_property
     def _spread(self) -> Array:
@@ -388,72 +696,54 @@ class ResponseState:
     @cached_property
     def values(self) -> Array:
         """Predicted readings (n,), with the nuisances that fit best."""
-        block = self.block
-        left = (block.value - block.read(self.lines)) * block.weight
-        return stack_parts(block.value) - self._spread * self.share(left)
+        return stack_parts(self.block.value) - self._spread * self._fitted.rest
 
     def derive(self, columns: Complex) -> Array:
         """Return derivatives of the readings (n, k) of those of lines (r, f, k)."""
         shown = self.block.read(columns * self.window[..., None])
         return self._spread[:, None] * self.share(shown * self.block.weight[..., None])
 
-    @property
-    def flexibility(self) -> Complex:
-        """Flexibilities g (c, f) of the modes."""
-        return self._fitted[1]
-
     def move(self, node: str, at: Array) -> Complex:
         """Return the motion (6, p, f) of a node's point under unit forces at the ports."""
         key = "move", node, tuple(np.asarray(at, dtype=float).tolist())
         if key not in self._fields:
-            twists = self.displace(node, at)
-            part = (twists[:, None] * self.ports).reshape(-1, twists.shape[1])
-            moved = part @ self.flexibility
-            self._fields[key] = moved.reshape(6, len(self.ports), -1)
+            still, moved = self.displace(node, at)
+            static = (still * self.modes.static) @ self._both_ports[0].T
+            out = np.tensordot(moved, self.amplitudes, axes=(1, 0))
+            self._fields[key] = out + static[..., None]
         return self._fields[key]
 
     @cached_property
-    def _moving(self) -> Indices:
-        """Modes (k,) whose inertial loads count."""
-        return np.flatnonzero(
-            self.frequencies < self.settings.static * self.block.frequency[-1]
-        )
-
-    @cached_property
-    def _static(self) -> StaticResponse:
-        """Response to unit forces at the ports, and the inertial loads."""
+    def _forces(self) -> list[tuple[str, Array, Array]]:
+        """Node, home point (3,) and unit wrench (6,) of each port."""
         measured = self.block.measured
-        points = [
-            (measured.point(end.point).body, measured.places[end.point], along[:, None])
+        return [
+            (measured.point(end.point).body, measured.places[end.point], along)
             for end, along in zip(self.ends, self.directions, strict=True)
         ]
-        return self.modal.solve_static(points, self._moving)
 
-    def _carry(self, static: Array) -> Complex:
-        """Return what acts (m, p, f) under unit forces at the ports, from static responses."""
-        p = len(self.ports)
-        moving = self._moving
-        m = len(static)
-        out = np.repeat(static[:, :p, None].astype(complex), len(self.s), axis=2)
-        loads = -(self.s**2) * self.flexibility[moving]
-        inertial = static[:, static.shape[1] - len(moving) :]
-        part = (inertial[:, None] * self.ports[:, moving]).reshape(m * p, -1)
-        out += (part @ loads).reshape(m, p, -1)
-        return out
+    def _carry(self, static: Array, inertial: Array) -> Complex:
+        """Return what acts (m, p, f) under unit forces at the ports, and inertial loads (m, d)."""
+        limit = self.settings.static * self.block.frequency[-1]
+        moving = np.flatnonzero(self.frequencies < limit)
+        loads = -(self.s**2) * self.amplitudes[moving]
+        return static[..., None] + np.tensordot(inertial[:, moving], loads, axes=(1, 0))
 
     def find_wrench(self, name: str) -> Complex:
         """Return wrenches (6m, p, f) in an element, own axes, under unit forces at the ports."""
         key = "wrench", name
         if key not in self._fields:
-            rows = self.mechanism.rows(name)
-            self._fields[key] = self._carry(self._static.find_wrench(rows)[0])
+            found = self.modes.find_wrenches(name, self._forces)
+            self._fields[key] = self._carry(*found)
         return self._fields[key]
 
     def find_motion(self, name: str) -> Complex:
         """Return motions (k, p, f) in a joint's free directions under unit forces at the ports."""
         key = "motion", name
         if key not in self._fields:
-            self._fields[key] = self._carry(self._static.elements[name].motions[0])
+            alone = self if self.changed is None else replace(self, changed=None)
+            found = alone.solved.find_motions(name, alone._forces)  # noqa: SLF001
+            self._fields[key] = alone._carry(*found)  # noqa: SLF001
         return self._fields[key]
 
     def _pair(self, acts: Complex, rates: Array) -> Complex:
@@ -493,19 +783,12 @@ class ResponseState:
     def load(self, rates: Sequence[MassRate | None], count: int) -> Complex:
         """Return derivatives (r, f, k) by masses, one for each of k parameters or None."""
         out = self._sum((), count)
-        where = self.modal.system.where
+        where = place_nodes(self.block.measured.configuration[:1])
         for k, rate in enumerate(rates):
             if rate is None:
                 continue
             moved = self.move(rate.body, rate.at)
-            turn = np.asarray(where.rotation[rate.body]).reshape(-1, 3, 3)[0]
-            arm = turn @ rate.moments
-            matrix = np.zeros((6, 6))
-            matrix[:3, :3] = rate.mass * np.eye(3)
-            lever = np.cross(np.eye(3), arm).T  # v · (ω × a)
-            matrix[:3, 3:] = lever
-            matrix[3:, :3] = lever.T
-            matrix[3:, 3:] = turn @ rate.inertia @ turn.T
+            matrix = spread_inertia(rate, where)
             out[..., k] = -(self.s**2) * self._pair(moved, matrix[None])[..., 0]
         return out
 

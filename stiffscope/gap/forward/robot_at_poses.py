@@ -22,12 +22,17 @@ from stiffscope.gap.effects.effect import find_length
 from stiffscope.gap.effects.elements import along_drive, without_ranges
 from stiffscope.gap.forward.inner_points import inner_point
 from stiffscope.gap.forward.setup import Instruments
-from stiffscope.gap.forward.terminals import find_weight, unit_wrenches, wrenches_at
+from stiffscope.gap.forward.terminals import (
+    Push,
+    push_payload,
+    unit_wrenches,
+    wrenches_at,
+)
 from stiffscope.vjm.elements.laws import find_laws, without_laws
 from stiffscope.vjm.kinematics.configurations import configure, configure_drives
 from stiffscope.vjm.model.checks import GROUND
 from stiffscope.vjm.network.condensation import condense_network
-from stiffscope.vjm.network.loading import Loads
+from stiffscope.vjm.network.loading import Loads, Response
 from stiffscope.vjm.network.network import (
     END,
     FOOT,
@@ -40,7 +45,7 @@ from stiffscope.vjm.statics.analysis import stiffness
 from stiffscope.vjm.statics.equilibrium import solve_condensed, solve_loads
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from stiffscope.gap.campaign.campaign import Campaign, Sensor
     from stiffscope.gap.campaign.kinds.kind import Predictor
@@ -53,7 +58,6 @@ if TYPE_CHECKING:
     from stiffscope.vjm.model.joints import Law
     from stiffscope.vjm.model.mechanism import Mechanism
     from stiffscope.vjm.network.condensation import Condensed
-    from stiffscope.vjm.network.loading import Response
     from stiffscope.vjm.network.network import Places
 
 _TOOL = slice(0, 6)
@@ -96,7 +100,7 @@ class RobotAtPoses:
     def cut(self, name: str) -> Response:
         """Return the equilibrium for unit twists, own axes, of an element's ends from the first."""
         if name not in self._cuts:
-            while len(self._cuts) >= max(FEW, _CUTS // len(self.campaign.poses)):
+            while len(self._cuts) >= self._most_cuts:
                 del self._cuts[next(iter(self._cuts))]
             rows = self.mechanism.rows(name)
             unit: Array = np.eye(6 * len(rows)).reshape(len(rows), 1, 6, -1)
@@ -107,6 +111,34 @@ class RobotAtPoses:
     @cached_property
     def _cuts(self) -> dict[str, Response]:
         return {}
+
+    @property
+    def _most_cuts(self) -> int:
+        return max(FEW, _CUTS // len(self.campaign.poses))
+
+    @cached_property
+    def _owners(self) -> dict[str, str]:
+        """Name of the joint or body of each element of the network."""
+        return {e.name: e.group or e.name for e in list_elements(self.mechanism)}
+
+    def displace(self, offsets: Mapping[str, Array]) -> Response | None:
+        """Return the nominal robot's motions for offsets (n or 1, 6, 1) of elements, to first order.
+
+        None where equilibria of so many elements are not kept.
+        """
+        names = dict.fromkeys(self._owners.get(name, "") for name in offsets)
+        if len(names) > self._most_cuts or "" in names:
+            return None
+        nodes: dict[str, Array] = {}
+        for name in names:
+            rows = self.mechanism.rows(name)
+            still = np.zeros((1, 6, 1))
+            parts = np.broadcast_arrays(*(offsets.get(row, still) for row in rows))
+            twist = np.concatenate(parts, axis=1)
+            for node, moved in self.cut(name).nodes.items():
+                part = moved @ twist
+                nodes[node] = nodes[node] + part if node in nodes else part
+        return Response(self.rest, nodes)
 
     @cached_property
     def linear_steps(self) -> dict[int, tuple[Effect, Steps]]:
@@ -308,41 +340,58 @@ class RobotAtPoses:
         weighs: bool = True,
     ) -> Loads:
         """Return all terminals as loads (n or 1, 6, cases) on nodes, at M in base axes."""
-        c = self.campaign
         nodes: dict[str, Array] = {}
-
-        def add(node: str, wrench: Array, case: int | slice) -> None:
-            node = FOOT if node == GROUND else node
-            if node not in nodes or len(nodes[node]) < len(wrench):
+        for push in self.pushes(where, mechanism, payloads, weighs=weighs):
+            node = push.node
+            count = len(push.wrench)
+            if node not in nodes or len(nodes[node]) < count:
                 known = nodes.get(node, np.zeros((1, 6, self.cases)))
-                nodes[node] = np.array(
-                    np.broadcast_to(known, (len(wrench), 6, self.cases))
-                )
-            nodes[node][..., case] += wrench
+                nodes[node] = np.array(np.broadcast_to(known, (count, 6, self.cases)))
+            nodes[node][..., push.cases] += push.wrench
+        for wrench in nodes.values():
+            wrench[..., ~self.used_loads] = 0.0
+        return Loads(self.cases, nodes)
 
-        add(END, np.eye(6)[None], _TOOL)
+    def pushes(
+        self,
+        where: Places,
+        mechanism: Mechanism,
+        payloads: Sequence[Payload],
+        *,
+        weighs: bool = True,
+    ) -> Iterator[Push]:
+        """Yield the wrenches on nodes by all terminals."""
+        c = self.campaign
+
+        def at_point(
+            node: str, wrench: Array, cases: slice, body: str, home: Array
+        ) -> Push:
+            node, body = (FOOT if each == GROUND else each for each in (node, body))
+            return Push(node, wrench, cases, body, where.point(body, home))
+
+        yield at_point(END, np.eye(6)[None], _TOOL, END, mechanism.tool.at)
         for k, load in enumerate(c.loads):
-            add(load.body, wrenches_at(where, load.body, load.at), self.load_cases(k))
+            wrench = wrenches_at(where, load.body, load.at)
+            home = np.array(load.at)
+            yield at_point(load.body, wrench, self.load_cases(k), load.body, home)
         for k, sensor in enumerate(c.sensors):
             if self.sensor_cases(k) in [self.sensor_cases(j) for j in range(k)]:
                 continue  # another channel of one target
             push = wrenches_at(where, sensor.body, sensor.at) @ unit_wrenches(sensor)
+            home = np.array(sensor.at)
             for node, wrench in _share_out(where, mechanism, sensor, push):
-                add(node, wrench, self.sensor_cases(k))
+                yield at_point(node, wrench, self.sensor_cases(k), sensor.body, home)
         per_unit = mechanism.gravity / (self.robot.acceleration or np.inf)
+        weight = slice(self.weight_case, self.weight_case + 1)
         for node, mass in (
             lump_masses(mechanism, where).items() if per_unit.any() else ()
         ):
-            add(node, mass.weight(per_unit)[..., 0], self.weight_case)
+            centre = where.tool + mass.moment / (mass.mass or np.inf)
+            yield Push(node, mass.weight(per_unit), weight, node, centre)
+        gravity = float(weighs) * mechanism.gravity
+        others = slice(self.weight_case + 1, self.weight_case + 2)
         for payload in payloads:
-            add(
-                payload.body,
-                find_weight(payload, where, float(weighs) * mechanism.gravity),
-                self.weight_case + 1,
-            )
-        for wrench in nodes.values():
-            wrench[..., ~self.used_loads] = 0.0
-        return Loads(self.cases, nodes)
+            yield from push_payload(payload, where, gravity, others)
 
     @cached_property
     def weight_stiffness(self) -> Array:

@@ -20,6 +20,7 @@ from stiffscope.gap.effects.elements import along_drive
 from stiffscope.gap.forward.elastic_state import ElasticState
 from stiffscope.gap.forward.instrument_readings import InstrumentReadings
 from stiffscope.gap.forward.load_chains import LoadChains, size_loads
+from stiffscope.gap.forward.moved_nodes import MotionRates, find_motion_rates
 from stiffscope.gap.forward.second_order import (
     SETTINGS,
     find_second_order,
@@ -188,8 +189,10 @@ class RobotReadings(InstrumentReadings):
     def _motion(self, k: int, rows: Indices) -> Array:
         """Return the true motion (m, 6) at a sensor, or (-1) at M, for readings (m,)."""
         c = self.campaign
-        motion = self.elastic_state.move_sensor(k)
-        out = np.einsum("nij,nj->ni", motion[c.pose[rows]], self.applied_loads[rows])
+        applied = self.applied_loads[rows]
+        used = np.flatnonzero(applied.any(axis=0))
+        motion = self.elastic_state.move_sensor(k)[..., used]
+        out = (motion[c.pose[rows]] @ applied[:, used, None])[..., 0]
         still = (c.shows_rest & ~c.is_absolute)[rows]
         if still.any():
             out[still] += self.elastic_state.displace_sensor(k)[c.pose[rows[still]]]
@@ -280,6 +283,61 @@ class RobotReadings(InstrumentReadings):
                     sensed[rows], driven[rows] = modal
             self._known_pairs[key] = sensed, driven
         return self._known_pairs[key]
+
+    def at_loads(
+        self, columns: Array, cases: slice = slice(None)
+    ) -> tuple[Array, Array]:
+        """Return twists or wrenches (n, k) under the sense and the drive of every reading.
+
+        Parameters
+        ----------
+        columns
+            Those (p or 1, k, c) for unit loads at c terminals.
+        cases
+            These terminals.
+        """
+        pose = self.campaign.pose
+        out: list[Array] = []
+        pairs = zip(self.at.distinct_readings, (self.sense, self.drive), strict=True)
+        for (few, which), every in pairs:
+            loads = every[few, cases]
+            used = np.flatnonzero(loads.any(axis=0))
+            at = columns[..., used]
+            at = at[pose[few]] if len(at) > 1 else at
+            out.append((at @ loads[:, used, None])[which, :, 0])
+        return out[0], out[1]
+
+    @cached_property
+    def motion_rates(self) -> MotionRates:
+        """Derivatives by twists of nodes and of elements' frames, the loads held."""
+        return find_motion_rates(self)
+
+    def find_end_rates(self, name: str) -> Array:
+        """Return the derivatives (n, 6m) of loaded readings by a twist of an element's unloaded end.
+
+        Own axes. Nodes move as those of the robot without effects: exact for open chains, and a small
+        error of a small term where elements share loads.
+        """
+        if name not in self._known_end_rates:
+            nodes = self.at.cut(name).nodes
+            # the ground does not move
+            rates = {k: v for k, v in self.motion_rates.nodes.items() if k in nodes}
+            poses = len(self.campaign.poses)
+            moved = np.concatenate(
+                [
+                    np.broadcast_to(nodes[k], (poses, *nodes[k].shape[1:]))
+                    for k in rates
+                ],
+                axis=1,
+            )
+            every = np.hstack(list(rates.values()))
+            out = (every[:, None] @ moved[self.campaign.pose])[:, 0]
+            self._known_end_rates[name] = out
+        return self._known_end_rates[name]
+
+    @cached_property
+    def _known_end_rates(self) -> dict[str, Array]:
+        return {}
 
     @cached_property
     def at_terminals(self) -> tuple[Array, Array]:

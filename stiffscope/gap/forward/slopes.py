@@ -13,7 +13,7 @@ import numpy as np
 from stiffscope.gap.campaign.kinds import numbers_by_code
 from stiffscope.gap.effects.effect import Payload
 from stiffscope.gap.effects.elements import along_drive
-from stiffscope.vjm.model.checks import GROUND, TOOL
+from stiffscope.vjm.model.checks import GROUND
 from stiffscope.vjm.model.screws import skew
 from stiffscope.vjm.network.network import FOOT
 
@@ -119,12 +119,14 @@ def _of_elements(prediction: RobotReadings, steps: Steps) -> Array:
         mine, rates = steps.find_rates(name, "offset")
         if len(mine):
             out[:, mine] += still * read @ rates.T
-            if name == TOOL:
-                out[:, mine] += _of_shifted_tool(prediction, rates)
+            out[:, mine] += _of_moved_nodes(prediction, name, rates.T[None])
         mine, rates = steps.find_rates(name, "astray")
         if len(mine):
-            turned = read[:, None] @ _turn_about(prediction, name)[c.pose]
+            apart = _turn_about(prediction, name)
+            turned = read[:, None] @ apart[c.pose]
             out[:, mine] += still * turned[:, 0] @ rates.T
+            out[:, mine] += _of_moved_nodes(prediction, name, apart @ rates.T)
+            out[:, mine] += _of_moved_axis(prediction, name, rates.T)
     return out
 
 
@@ -136,24 +138,31 @@ def _relieve(prediction: RobotReadings, name: str, wrench: Array) -> Array:
     return wrench - prediction.held_by(name)[:, None] * axis
 
 
-def _of_shifted_tool(prediction: RobotReadings, shifts: Array) -> Array:
-    """Return derivatives (n, k) of motions and stiffnesses at M by shifts (k, 6) of M on its body.
+def _of_moved_nodes(prediction: RobotReadings, name: str, ends: Array) -> Array:
+    """Return derivatives (n, k) of loaded readings by twists (p or 1, 6m, k) of unloaded ends.
 
-    A shift s moves M by ``ω × s`` where the tool turns, and gives a force F the moment ``s × F``:
-    both terms of ``a · D b`` gain the moment of their own force.
+    Own axes.
     """
-    c = prediction.campaign
-    turn = prediction.elastic_state.places.rotation[prediction.at.mechanism.tool.body]
-    turn = np.broadcast_to(turn, (len(c.poses), 3, 3))[c.pose]
-    pairs = zip(
-        (prediction.drive, prediction.sense), prediction.at_terminals, strict=True
-    )
-    forces, twists = zip(*((load[:, :3], twist) for load, twist in pairs), strict=True)
-    out = np.zeros((len(c), len(shifts)))
-    for k, shift in enumerate(shifts):
-        away = turn @ shift[:3]
-        for force, twist in zip(forces, twists, strict=True):
-            out[:, k] += np.einsum("ni,ni->n", np.cross(away, force), twist[:, 3:])
+    by_end = prediction.find_end_rates(name)
+    twists = ends[prediction.campaign.pose] if len(ends) > 1 else ends
+    return (by_end[:, None] @ twists)[:, 0]
+
+
+def _of_moved_axis(prediction: RobotReadings, name: str, twists: Array) -> Array:
+    """Return derivatives (n, k) of loaded readings by twists (6, k) of a joint's axis, own axes."""
+    places = prediction.elastic_state.places
+    element = prediction.at.response.elements[name].element
+    pose = prediction.campaign.pose
+
+    def on_node(node: str, vectors: Array) -> Array:
+        turned = places.axes(node, element.axes) @ vectors
+        return turned[pose] if len(turned) > 1 else turned
+
+    rates = prediction.motion_rates.axes[name]
+    shifts = on_node(rates.bearer, twists[:3])
+    out = (rates.shift[:, None] @ shifts)[:, 0]
+    for node, by_turn in rates.turns:
+        out += (by_turn[:, None] @ on_node(node, twists[3:]))[:, 0]
     return out
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +12,7 @@ from stiffscope.vjm.model.screws import Frame
 from stiffscope.vjm.network.network import FOOT
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from stiffscope.gap.campaign.campaign import Sensor
     from stiffscope.gap.effects.effect import Payload
@@ -20,6 +21,26 @@ if TYPE_CHECKING:
     from stiffscope.vjm.network.network import Places
 
 _HELD_MOMENT = 1e-9  # relative rounding error of a moment
+
+
+@dataclass(frozen=True)
+class Push:
+    """A wrench on a node for each of some terminals, at M in base axes."""
+
+    node: str
+    wrench: Array
+    """Wrench (n or 1, 6, k) for unit loads."""
+    cases: slice
+    """Its k terminals."""
+    carrier: str
+    """Node with which the point moves on which its forces act."""
+    point: Array
+    """That point (n or 1, 3), base axes, m."""
+
+    @property
+    def force(self) -> Array:
+        """Force (n or 1, 3, k) for unit loads."""
+        return self.wrench[:, :3]
 
 
 def unit_wrenches(sensor: Sensor) -> Array:
@@ -42,6 +63,20 @@ def find_weight(payload: Payload, where: Places, gravity: Array) -> Array:
         ]
     )
     return (wrenches_at(where, payload.body, payload.at) @ push[..., None])[..., 0]
+
+
+def push_payload(
+    payload: Payload, where: Places, gravity: Array, cases: slice
+) -> Iterator[Push]:
+    """Yield the forces of a payload: its pull and weight, and the pair of its first moments."""
+    arm = where.rotation[payload.body] @ payload.moments
+    at = where.point(payload.body, payload.at)
+    of_mass = payload.mass * gravity + payload.force
+    for point, force in ((at, of_mass - gravity), (at + arm, gravity)):
+        lever = point - where.tool
+        pushed = np.broadcast_to(force, lever.shape)
+        wrench = np.hstack([pushed, np.cross(lever, pushed)])[..., None]
+        yield Push(payload.body, wrench, cases, payload.body, point)
 
 
 def find_inertial_forces(

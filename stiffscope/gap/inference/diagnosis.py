@@ -8,11 +8,13 @@ from typing import TYPE_CHECKING, Any, cast
 
 from stiffscope.gap.inference.residuals import AbsoluteGap
 from stiffscope.runtime.brief import describe_briefly
+from stiffscope.runtime.formats import to_dataframe
 
 if TYPE_CHECKING:
     import pandas as pd  # pyright: ignore[reportMissingTypeStubs]
 
     from stiffscope.gap.inference.posterior_samples import Samples
+    from stiffscope.runtime.types import Array, Complex
 
 
 @dataclass(frozen=True)
@@ -77,6 +79,19 @@ class ResponseModes:
     mac_after: float
 
 
+@dataclass(frozen=True, eq=False)
+class ResponseLines:
+    """One response at its lines ``hertz`` (f,), m/N: measured, nominal, with the effects found."""
+
+    name: str
+    hertz: Array
+    measured: Complex
+    before: Complex
+    after: Complex
+    noise: Array
+    """Standard deviation (f,) of the real, and of the imaginary part."""
+
+
 @dataclass(frozen=True)
 class SetupModes:
     """Modes of one set-up of responses, and rms differences of its levels, dB."""
@@ -85,6 +100,8 @@ class SetupModes:
     before: float
     after: float
     noise: float
+    lines: tuple[ResponseLines, ...] = ()
+    """Not in JSON."""
 
 
 @dataclass(frozen=True)
@@ -226,8 +243,6 @@ class Diagnosis:
 
     def to_pandas(self) -> pd.DataFrame:
         """Return named effects, one row per parameter: value, sigma, 95 % interval, unit; SI."""
-        import pandas as pd  # pyright: ignore[reportMissingTypeStubs]
-
         rows = [
             (
                 e.effect,
@@ -255,12 +270,17 @@ class Diagnosis:
             "high",
             "unit",
         )
-        return pd.DataFrame(rows, columns=columns)
+        by_column = zip(*rows, strict=True) if rows else ((),) * len(columns)
+        listed = (list(each) for each in by_column)
+        return to_dataframe(dict(zip(columns, listed, strict=True)))
 
 
 def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return the diagnosis as plain data for `diagnosis.json`; missing numbers are null."""
-    data = asdict(replace(diagnosis, samples=None))
+    alone = {k: replace(each, lines=()) for k, each in diagnosis.responses.items()}
+    data = asdict(replace(diagnosis, samples=None, responses=alone))
+    for each in data["responses"].values():
+        del each["lines"]
     del data["steps"], data["signature_correlation"], data["samples"]
     data["gap"]["unit"] = "% rms"
     data["where"]["poses"] = data["where"].pop("pose_names")

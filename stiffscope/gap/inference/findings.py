@@ -15,7 +15,7 @@ from stiffscope.gap.inference.hypothesis import forms_of, join_values
 from stiffscope.gap.inference.plausibility import implausible
 from stiffscope.gap.inference.residuals import percent_rms
 from stiffscope.gap.inference.search import ROUGH, Effort, Search
-from stiffscope.gap.inference.settings import GROUPS, VERDICT
+from stiffscope.gap.inference.settings import FIT, GROUPS, VERDICT
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -158,7 +158,7 @@ class Findings:
         own = next(c for c in self.best.candidates if c.name == name)
         self._add_rivals(listed, own, self)
         self._add_rivals(listed, own, self.doubted, GROUPS.confident)
-        known = self.at_work(listed)
+        known = self.probability_of_any(listed)
         self._add_rivals(listed, own, self, patterns=True)
         elsewhere = [
             c.name
@@ -174,10 +174,10 @@ class Findings:
             if self.problem.find_cause(a) in same
         )
         others = tuple(dict.fromkeys([*listed, *aliases]))[1:most]
-        whole = self.at_work(
+        whole = self.probability_of_any(
             [name, *others]
         )  # what there is no place for is not part of it
-        doubted = self.doubted.at_work([name, *others])
+        doubted = self.doubted.probability_of_any([name, *others])
         return Group(
             others, whole, min(known, whole), min(doubted, whole), bool(elsewhere)
         )
@@ -233,7 +233,7 @@ class Findings:
             if len(gone) == len(new) == 1:
                 yield next(iter(gone)), new[0], hypothesis, p
 
-    def at_work(self, names: Iterable[str]) -> float:
+    def probability_of_any(self, names: Iterable[str]) -> float:
         """Return the probability that one of these effects is present."""
         return min(
             float(sum(p * (1.0 - self._sum_missed(h, names)) for h, p in self.ranked)),
@@ -259,8 +259,11 @@ class Findings:
             name for other in rest for name in self._in_place_of.get(other, ())
         }
         elsewhere -= {*self._in_place_of.get(own.name, ()), *own.signature_of}
-        while len(listed) < VERDICT.listed and by.at_work(listed) < enough:
-            if len(listed) > GROUPS.confused and by.at_work(listed) >= GROUPS.confident:
+        while len(listed) < VERDICT.listed and by.probability_of_any(listed) < enough:
+            if (
+                len(listed) > GROUPS.confused
+                and by.probability_of_any(listed) >= GROUPS.confident
+            ):
                 break  # more than three only where three are not certain
             known = {self.problem.find_cause(each) for each in listed}
             gains: dict[str, float] = {}
@@ -422,13 +425,19 @@ def search_once(
     problem = Problem(model, _without_copies(model.campaign, model.noise()))
     distinct: dict[frozenset[str], Hypothesis] = {}
     seeds = ()
-    if model.coarse is not None:
+    if model.coarse is not None and _needs_start(problem):
         seeds = search_once(model.coarse, progress, ROUGH).hypotheses
     hypotheses = Search(problem, progress, seeds, effort or Effort()).hypotheses()
     for hypothesis in hypotheses:  # the best fit of every set
         distinct.setdefault(hypothesis.names, hypothesis)
     fitted = {forms_of(h.candidates): h for h in hypotheses if h.converged}
     return _rank(problem, [(h, h.evidence) for h in distinct.values()], fitted)
+
+
+def _needs_start(problem: Problem) -> bool:
+    """Return whether the readings are far from the nominal model, whose derivatives tell little."""
+    left = problem.nominal_residual[problem.noise.used]
+    return float(np.mean(left**2)) > FIT.near
 
 
 def _rank(

@@ -33,7 +33,7 @@ from stiffscope.gap.inference.priors import choose_near, spread_groups, spread_p
 from stiffscope.gap.inference.settings import FIT, PLAUSIBLE
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from stiffscope.gap.forward.forward_model import (
         Candidate,
@@ -63,11 +63,58 @@ class _Point:
     short: float = 0.0
     """Excess of the cost over its linear prediction, which is no evidence if a fit ends at the
     limit of the assemblable range."""
+    hopeless: bool = False
+    """Whether the fit was given up, as its prediction falls ever further behind."""
 
     @property
     def linear(self) -> Array:
         """Readings (n,) minus the prediction extrapolated to internal parameters of zero."""
         return self.residual + self.slopes @ self.u
+
+
+def _is_hopeless(expected: Sequence[float], spare: float) -> bool:
+    """Return whether a fit ends too far behind, by the costs that each linearization expects.
+
+    The last one errs by no more than it differs from the one before.
+    """
+    if len(expected) < 2:
+        return False
+    lost = 0.5 * (expected[-1] - expected[0])
+    return lost - 0.5 * abs(expected[-1] - expected[-2]) > spare
+
+
+@dataclass(frozen=True)
+class _Quadratic:
+    """Quadratic approximation of the cost about u (k,), least at ``end`` (k,) within bounds."""
+
+    u: Array
+    precision: Array
+    pull: Array
+    end: Array
+
+    def find_end(self, candidates: Effects, damping: float) -> Array:
+        """Return where (k,) a step ends; weakly determined directions are shortened first.
+
+        damping: of the diagonal of the precision, added to it for distances from u.
+        """
+        if not damping:
+            return self.u + (self.end - self.u)
+        more = damping * np.diagonal(self.precision)
+        held = self.precision + np.diag(more)
+        drawn = self.pull + more * self.u
+        whole = constrained_minima(held, drawn, positive_of(candidates))[0]
+        return minimize_bounded(candidates, held, drawn, whole)
+
+
+@dataclass(frozen=True)
+class _Step:
+    """A step to u (k,), with what is predicted there, and the notch of its damping."""
+
+    u: Array
+    prediction: Prediction
+    residual: Array
+    cost: float
+    notch: int
 
 
 @dataclass(frozen=True)
@@ -270,6 +317,7 @@ class Problem:
             return Hypothesis(
                 own, at.residual, at.slopes, log, known, converged=not far
             )
+        spare = log - target + FIT.margin if len(candidates) > 1 else np.inf
         setting = int(np.argmax(known.settings))
         scales = join_values(
             sizes[-1] * unit for unit, sizes in map(self._scales_of, candidates)
@@ -278,7 +326,12 @@ class Problem:
             [bool(c.parts) for c in candidates], [len(c.scale) for c in candidates]
         )
         scales = np.where(many, known.scales, scales)  # not all errors are observable
-        at = self._descend(candidates, at, setting, scales)
+        at = self._descend(candidates, at, setting, scales, spare)
+        if at.hopeless:
+            own = split(candidates, at.u)
+            known = self.posterior(candidates, at.linear, at.slopes)
+            log = known.log_evidence + self.log_prior(candidates)
+            return Hypothesis(own, at.residual, at.slopes, log, known, converged=False)
         if at.short > FIT.margin and not at_bounds(candidates, at.u).any():
             again = self._descend(
                 candidates, self._start(candidates, safe, safe), setting, scales
@@ -353,67 +406,101 @@ class Problem:
         return self.posterior((), self.nominal_residual, none).log_evidence
 
     def _descend(
-        self, candidates: Effects, at: _Point, setting: int, scales: Array
+        self,
+        candidates: Effects,
+        at: _Point,
+        setting: int,
+        scales: Array,
+        spare: float = np.inf,
     ) -> _Point:
-        """Take Gauss-Newton steps in one setting of the errors, damped if the cost would grow.
+        """Take steps of Levenberg and Marquardt in one setting of the errors.
 
-        scales: prior scales (k,).
+        Parameters
+        ----------
+        candidates, at
+            The effects, and where the descent starts.
+        setting
+            Number of the setting of the errors.
+        scales
+            Prior scales (k,).
+        spare
+            Ln of evidence that the prediction at the start may lose before the fit is given up.
         """
-        u = at.u
-        residual = at.residual
-        slopes = at.slopes
         prior = scales**-2.0
         positive = positive_of(candidates)
-        k = len(u)
+        k = len(at.u)
 
-        def inner_of(residual: Array, slopes: Array) -> Array:
-            return self.errors.inner_at(setting, np.column_stack([slopes, residual]))
+        def find_cost(u: Array, residual: Array) -> float:
+            fit = self.errors.inner_at(setting, residual[:, None])[0, 0]
+            return float(fit + u**2 @ prior)
 
-        inner = inner_of(residual, slopes)
-        cost = float(inner[k, k] + u**2 @ prior)
-        short = 0.0
+        cost = find_cost(at.u, at.residual)
+        expected: list[float] = []
+        least = 0
         for _ in range(FIT.steps):
+            columns = np.column_stack([at.slopes, at.residual])
+            inner = self.errors.inner_at(setting, columns)
             gram = inner[:k, :k]
-            rounding = FIT.rounding * np.diagonal(
-                gram
-            )  # prior and noise may differ by more
+            # prior and noise may differ by more
+            rounding = FIT.rounding * np.diagonal(gram)
             precision = gram + np.diag(prior + rounding)
-            pull = inner[:k, k] + gram @ u
+            pull = inner[:k, k] + gram @ at.u
             whole = constrained_minima(precision, pull, positive)[0]
-            short = float((whole - u) @ precision @ (whole - u))
-            step = minimize_bounded(candidates, precision, pull, whole) - u
-            near = float(step @ precision @ step)
+            at = replace(at, short=float((whole - at.u) @ precision @ (whole - at.u)))
+            end = minimize_bounded(candidates, precision, pull, whole)
+            near = float((end - at.u) @ precision @ (end - at.u))
+            expected.append(cost - near)
             if near < FIT.converged:
                 break
-            for damping in FIT.damping if near > FIT.slight else FIT.damping[:2]:
-                trial = bound_parameters(candidates, u + damping * step)
-                try:
-                    moved = self._evaluate(candidates, trial)
-                except (InputError, np.linalg.LinAlgError):
-                    continue
-                lower = float(
-                    inner_of(moved[1], slopes[:, :0])[0, 0] + trial**2 @ prior
-                )
-                if lower < cost or np.isclose(lower, cost, rtol=1e-9):
-                    break
-            else:
+            if _is_hopeless(expected, spare):
+                return replace(at, hopeless=True)
+            notches = range(least, len(FIT.damping))
+            step = self._take_step(
+                candidates,
+                _Quadratic(at.u, precision, pull, end),
+                notches if near > FIT.slight else notches[:2],
+                find_cost,
+                cost,
+            )
+            if step is None:
                 break
-            gained = cost - lower
-            last = u
+            gained = cost - step.cost
+            before = at
             try:
-                slopes = self._differentiate(candidates, moved[0])
-                residual = moved[1]
+                slopes = self._differentiate(candidates, step.prediction)
             except InputError:
                 break
-            u = trial
-            cost = lower
-            inner = inner_of(residual, slopes)
-            if damping == FIT.damping[0] and (
-                gained < FIT.converged or near < FIT.settled
-            ):
-                short = 0.0 if np.array_equal(trial, last + (whole - last)) else short
+            cost = step.cost
+            at = _Point(step.u, step.residual, slopes, before.short)
+            if step.notch and gained < FIT.slight:
                 break
-        return _Point(u, residual, slopes, short)
+            if not step.notch and (gained < FIT.converged or near < FIT.settled):
+                is_whole = np.array_equal(step.u, before.u + (whole - before.u))
+                return replace(at, short=0.0) if is_whole else at
+            least = max(step.notch - 1, 0)
+        return at
+
+    def _take_step(
+        self,
+        candidates: Effects,
+        quadratic: _Quadratic,
+        notches: Sequence[int],
+        find_cost: Callable[[Array, Array], float],
+        cost: float,
+    ) -> _Step | None:
+        """Return the least damped step that does not raise the cost; None if all do."""
+        for notch in notches:
+            u = bound_parameters(
+                candidates, quadratic.find_end(candidates, FIT.damping[notch])
+            )
+            try:
+                prediction, residual = self._evaluate(candidates, u)
+            except (InputError, np.linalg.LinAlgError):
+                continue
+            lower = find_cost(u, residual)
+            if lower < cost or np.isclose(lower, cost, rtol=1e-9):
+                return _Step(u, prediction, residual, lower, notch)
+        return None
 
     def _start(self, candidates: Effects, u: Array, safe: Array) -> _Point:
         """Return the assemblable point nearest to a start, on the way from a safe one."""

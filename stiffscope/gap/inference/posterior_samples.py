@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 from dataclasses import dataclass
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 import h5netcdf  # pyright: ignore[reportMissingTypeStubs]  # not xarray, which imports slowly
@@ -239,7 +238,7 @@ def _write_group(
     words: Mapping[str, Sequence[str]] | None = None,
 ) -> None:
     """Write arrays over dimensions of some lengths; ``words`` label the last dimension."""
-    text = import_module("h5py").string_dtype()  # a module without types
+    text = np.dtype("O", metadata={"vlen": str})  # what HDF5 calls a text
     group.dimensions = dict(lengths)
     for name, length in lengths.items():
         group.create_variable(name, (name,), data=np.arange(length))

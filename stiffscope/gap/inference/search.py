@@ -46,15 +46,21 @@ class Effort:
         discrepancy.
     sketches
         Whether sets of simple effects are also sought jointly.
+    flexible
+        Whether effects that can fit almost anything are tried.
+    enough
+        χ² per reading at which a search ends.
     """
 
     single: int = 2 * SEARCH.fitted
     fitted: int = SEARCH.fitted
     plain: int = SEARCH.fitted_plain
     sketches: bool = True
+    flexible: bool = True
+    enough: float = 0.0
 
 
-ROUGH = Effort(single=8, fitted=5, plain=2, sketches=False)
+ROUGH = Effort(single=8, fitted=5, plain=2, sketches=False, flexible=False, enough=1.0)
 """Of a search in a coarser model, whose hypotheses are only starts."""
 
 
@@ -106,7 +112,7 @@ class Search:
         fit(tried, base, "effects", len(tried))
         seeds = self._find_seeds()
         grown = fit(seeds, base, "effects of the coarser model", len(seeds))
-        self._grow(grown[: SEARCH.width] or [none], fitted)
+        self._grow(_without_idle(grown)[: SEARCH.width] or [none], fitted)
         fixed: tuple[
             Candidate, ...
         ] = ()  # what has no parameters changes the derivatives of all others
@@ -121,6 +127,8 @@ class Search:
         if self.effort.sketches and not self.seeds:  # far from these, first order fails
             self._sketch(fitted, base)
         for _ in range(SEARCH.rounds):
+            if self._is_enough(fitted):
+                break
             best = fitted.best
             rivals = _sort(found.values())[: SEARCH.rivals]
             close = (h for h in rivals if h.evidence > best.evidence - SEARCH.close)
@@ -130,6 +138,14 @@ class Search:
                 break
             self._grow(exchanged[:1], fitted)
         return _sort(found.values())
+
+    def _is_enough(self, fitted: _Fitted) -> bool:
+        """Return whether the best hypothesis leaves as little as is sought."""
+        if not self.effort.enough:
+            return False
+        used = self.problem.noise.used
+        left = fitted.best.residual[used]
+        return float(np.mean(left**2)) < self.effort.enough
 
     def _sketch(self, fitted: _Fitted, base: Heights) -> None:
         """Fit sets of simple effects that only fit jointly, where the best set is not obvious."""
@@ -193,6 +209,8 @@ class Search:
         """Fit larger and larger sets while they gain."""
         before = _heights(frontier)
         while len(frontier[0].candidates) < self.problem.model.most_effects:
+            if self._is_enough(fitted):
+                return
             stage = f"effects, {len(frontier[0].candidates) + 1} at once"
             base = _heights(frontier)
             starts = self._extensions(frontier)
@@ -277,6 +295,12 @@ class Search:
             parameters, y - slopes @ known.mean, slopes, log, known, converged=False
         )
 
+    def _tries(self, candidate: Candidate, *, simple: bool) -> bool:
+        """Return whether the search tries an effect, optionally a simple one."""
+        if simple and not candidate.simple:
+            return False
+        return self.effort.flexible or not candidate.flexible
+
     def _extensions(
         self,
         frontier: Sequence[Hypothesis],
@@ -313,7 +337,7 @@ class Search:
         without = self.problem.errors.sizes == 0.0
         alike: dict[tuple[bool, ...], list[int]] = {}
         for number, candidate in enumerate(library.candidates):
-            if simple and not candidate.simple:
+            if not self._tries(candidate, simple=simple):
                 continue
             if len(hypothesis.values) + len(candidate.scale) > self._most_parameters:
                 continue
@@ -463,6 +487,15 @@ class _Fitted:
                 strikes.update(id(c) for c in start.candidates if c.flexible)
             fits.append(self.found[key])
         return _sort(fits)
+
+
+def _without_idle(found: Sequence[Hypothesis]) -> list[Hypothesis]:
+    """Return hypotheses, the best first, without those that add effects to a better one."""
+    out: list[Hypothesis] = []
+    for hypothesis in found:
+        if not any(better.names <= hypothesis.names for better in out):
+            out.append(hypothesis)
+    return out
 
 
 def _sort(sets: Iterable[_Set]) -> list[_Set]:

@@ -77,7 +77,7 @@ class FitSettings:
     """Sizes of effects in units of their own: six decades, since mechanics has no favourite
     size."""
     steps: int = 12
-    """Most steps of Gauss-Newton."""
+    """Most steps of Levenberg and Marquardt."""
     converged: float = 1e-3
     """Of the cost, χ² with that of the prior: a step that lowers it by less is not taken,"""
     settled: float = 0.05
@@ -86,14 +86,16 @@ class FitSettings:
     """Most descents more, each in the sizes that the one before makes the likeliest."""
     alike: float = 0.5
     """Ln of the ratio of two sizes below which descents in both find the same."""
-    damping: tuple[float, ...] = (1.0, 0.5, 0.25, 0.1, 0.02)
-    """Shares of a step that are tried in turn."""
+    damping: tuple[float, ...] = (0.0, 0.1, 1.0, 10.0, 100.0)
+    """Of the diagonal of the precision: added in turn to damp a step that would raise the cost."""
     far: float = 4.0
     """Largest squared distance of a mean from the linearization, in squared standard deviations."""
     slight: float = 1.0
-    """Expected decrease of the cost that does not justify much damping."""
+    """Decrease of the cost, expected or by a damped step, that does not justify more damping."""
     rounding: float = 1e-12
     """Regularization of inner products, relative: prior and noise may differ by more."""
+    near: float = 1.1
+    """χ² per reading of the nominal model up to which a search needs no start from a coarser one."""
 
 
 FIT = FitSettings()

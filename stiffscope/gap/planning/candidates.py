@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.gap.campaign.campaign import Campaign, LoadPoint, Sensor
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.campaign.template import (
@@ -113,9 +113,9 @@ def propose_plan(
     asked = [known[name] for name in dict.fromkeys([*sides[0], *sides[1]])]
     least = VERDICT.few * (1 + max(len(c.scale) for c in asked))
     rows = choose_readings(told, offer.settings, ENOUGH, min(least, len(campaign)))
-    if not rows:
-        expected = "expected causes that these instruments can distinguish"
-        raise InputError(f"--ask: {expected}, got {question!r}")
+    require(
+        rows, "--ask", "causes that these instruments can distinguish", f"{question!r}"
+    )
     names = {c.name for c in asked}
     answers = _summarize(pairs, told, names, _find_larger(pairs, told, offer))
     return Proposal(offer.select(rows), tuple(answers))
@@ -238,10 +238,12 @@ def read_question(
     (first, asked, second) = question.partition(_FROM)
     own = _find_causes(first, known)
     other = _find_causes(second if asked else first, known)
-    if asked and {*own} == {*other}:
-        raise InputError(
-            f"--ask: expected other causes after from than before, got {question!r}"
-        )
+    require(
+        not (asked and {*own} == {*other}),
+        "--ask",
+        "other causes after from than before",
+        f"{question!r}",
+    )
     return own, other
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from scipy.cluster.hierarchy import leaves_list, linkage
 from scipy.spatial.distance import squareform
 
+from stiffscope.gap.show.response_lines import draw_lines, name_lines
 from stiffscope.gap.show.text import DIRECTIONS, label, steps
 from stiffscope.report.figures import (
     AFTER,
@@ -61,9 +62,10 @@ def draw_figures(diagnosis: Diagnosis, folder: Path) -> list[str]:
         "predictive": predictive_check,
         "signatures": signature_correlation,
     }
-    return save_figures(
-        folder, {stem: partial(draw, diagnosis) for stem, draw in figures.items()}
-    )
+    draws = {stem: partial(draw, diagnosis) for stem, draw in figures.items()}
+    for k, (name, setup) in enumerate(diagnosis.responses.items()):
+        draws[name_lines(k)] = partial(draw_lines, name, setup)
+    return save_figures(folder, draws)
 
 
 def waterfall(diagnosis: Diagnosis) -> Figure:

@@ -10,6 +10,7 @@ import numpy as np
 from stiffscope.gap.show import tables as gap_tables
 from stiffscope.gap.show import text
 from stiffscope.gap.show.figures import chart_readings
+from stiffscope.gap.show.response_lines import name_lines
 from stiffscope.report.page import Lead, Section
 from stiffscope.report.robot_view import unit_wrenches
 from stiffscope.report.run_report import SHARE
@@ -93,6 +94,7 @@ def write_diagnosis_report(
         Section(
             "Gap", gap, figures("waterfall"), charts=charts, files=("readings.csv",)
         ),
+        *_responses(report, diagnosis),
         Section("Alternatives", alternatives, figures("signatures")),
         Section("What to measure next", _lines([following] if following else [])),
         Section("Checks", checks, figures("predictive")),
@@ -138,6 +140,23 @@ def share_view(
     return report.turn_robot(
         found, names, cases, caption, still, quantity=SHARE, start=0
     )
+
+
+def _responses(report: Draft, diagnosis: Diagnosis) -> list[Section]:
+    """Return the section on frequency responses, if there are any."""
+    if not diagnosis.responses:
+        return []
+    with record_shown() as modes:
+        gap_tables.show_modes(diagnosis)
+    drawn = {
+        f"{name_lines(k)}.svg": (
+            f"{name}: levels (m/N), and below them residuals over the noise, before and after",
+            f"levels and residuals of the responses of {name} over frequency",
+        )
+        for k, name in enumerate(diagnosis.responses)
+    }
+    figures = report.figures(drawn)
+    return [Section("Frequency responses", modes, figures, files=("modes.csv",))]
 
 
 def _effects(diagnosis: Diagnosis) -> list[Shown]:

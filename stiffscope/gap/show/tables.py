@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import astuple
 from typing import TYPE_CHECKING
 
 from stiffscope.gap.effects.drives import ActuatorStiffness
@@ -12,6 +13,7 @@ from stiffscope.report.terminal import show_line, show_table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from stiffscope.gap.inference.diagnosis import Diagnosis
 
@@ -28,6 +30,7 @@ def show_diagnosis(diagnosis: Diagnosis) -> None:
     if diagnosis.effects:
         show_effects(diagnosis)
     show_gap(diagnosis)
+    show_modes(diagnosis)
     show_alternatives(diagnosis)
     _show_list("Possible", text.possible(diagnosis))
     _show_list("Where", text.describe_location(diagnosis.where))
@@ -59,6 +62,48 @@ def _show_list(title: str, lines: Sequence[str]) -> None:
         show_line(title, "bold")
     for line in lines:
         show_line(f"  {line}")
+
+
+def show_modes(diagnosis: Diagnosis) -> None:
+    """Show the modes of each set-up of responses: measured, before and after, paired by shape."""
+    groups = (
+        ("measured Hz",),
+        ("before Hz", "after Hz"),
+        ("zeta %",),
+        ("MAC before", "MAC after"),
+    )
+    for name, setup in diagnosis.responses.items():
+        rows = [
+            (
+                f"{mode.measured:.4g}",
+                _show_known(mode.before, ".4g"),
+                _show_known(mode.after, ".4g"),
+                _show_known(100.0 * mode.zeta, ".2g"),
+                _show_known(mode.mac_before, ".2f"),
+                _show_known(mode.mac_after, ".2f"),
+            )
+            for mode in setup.modes
+        ]
+        if rows:
+            show_table(f"Modes of {name}, paired by shape", groups, rows)
+        show_line(
+            f"lines of {name}: {setup.before:.2g} dB rms before, "
+            f"{setup.after:.2g} dB after, noise {setup.noise:.2g} dB"
+        )
+
+
+def write_modes(path: Path, diagnosis: Diagnosis) -> None:
+    """Write the modes of all set-ups of responses as CSV: Hz, ratios; empty if unknown."""
+    lines = ["setup,measured,before,after,zeta,mac_before,mac_after"]
+    for name, setup in diagnosis.responses.items():
+        for mode in setup.modes:
+            values = (_show_known(value, ".6g") for value in astuple(mode))
+            lines.append(",".join([name, *values]))
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+
+
+def _show_known(value: float, form: str) -> str:
+    return "" if math.isnan(value) else format(value, form)
 
 
 def show_drives(diagnosis: Diagnosis) -> None:

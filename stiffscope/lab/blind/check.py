@@ -21,7 +21,7 @@ from stiffscope.lab.blind.scores import Outcome, outcome_of, score
 from stiffscope.lab.machine import NoEquilibriumError
 from stiffscope.runtime.executor import Shared, work_through
 from stiffscope.runtime.output import scratch_folder, write_bytes
-from stiffscope.runtime.reading import read_text, why
+from stiffscope.runtime.reading import describe_cause, read_text
 from stiffscope.runtime.scheduler import workers
 
 if TYPE_CHECKING:
@@ -210,7 +210,7 @@ def _store(folder: Path, task: Task, files: Files) -> None:
                 (aside / name).write_text(text, encoding="utf-8", newline="")
             aside.rename(goal)
     except OSError as error:
-        reason = why(error, goal)
+        reason = describe_cause(error, goal)
         message = f"the case cannot be kept ({reason}); finished ones are"
         raise InputError(f"{goal}: {message}") from error
 

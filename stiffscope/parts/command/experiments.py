@@ -234,7 +234,15 @@ def _solids(robot: RobotFile) -> list[str]:
 
 @click.command()
 @takes(click.argument("file", metavar="FILE.step"), options.json)
-def faces(file: str, *, output: Output) -> None:
+@click.option(
+    "--solid",
+    metavar="N|all",
+    help='Of several solids, the number of one, or "all": fused, if they touch.',
+)
+def faces(file: str, *, solid: str | None, output: Output) -> None:
     """List the faces of a STEP file."""
-    rows = describe(read_solid(file))
+    if solid is not None and solid != "all" and not solid.isdecimal():
+        raise InputError(f'--solid: expected a number or "all", got "{solid}"')
+    chosen = int(solid) if solid is not None and solid != "all" else solid
+    rows = describe(read_solid(file, chosen=chosen))
     emit(output, rows, lambda: part_tables.show_faces(file, rows))

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from stiffscope.errors import FieldError, require
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.description import Turned
-from stiffscope.robot.file.parse import FieldError
 from stiffscope.robot.file.sections import Copies
 from stiffscope.robot.file.tables import list_some, read_table
 from stiffscope.vjm.model.screws import rotation
@@ -47,10 +47,12 @@ def make_copies(data: dict[str, Any]) -> dict[str, Turned]:
         data.setdefault(key, {}) for key in ("bodies", "joints")
     ]
     listed = data.get("copies", [])
-    if len(listed) > MOST:
-        raise FieldError(
-            ("copies", MOST), f"expected at most {MOST:,} copies, got {len(listed):,}"
-        )
+    require(
+        len(listed) <= MOST,
+        ("copies", MOST),
+        f"at most {MOST:,} copies",
+        f"{len(listed):,}",
+    )
     entries = [read_table(Copies, each, ("copies", i)) for i, each in enumerate(listed)]
     copied: dict[str, Turned] = {}
     for number in _order(entries):
@@ -124,9 +126,12 @@ def _check(tables: Sequence[Mapping[str, Any]], entry: Copies, number: int) -> N
     key = ("copies", number)
     names = [name for table in tables for name in table]
     count = len(names) + len(_find_within(names, entry.of)) * len(entry.as_)
-    if count > MOST:
-        message = f"expected copies to a robot of at most {MOST:,} bodies and joints, got {count:,}"
-        raise FieldError((*key, "as"), message)
+    require(
+        count <= MOST,
+        (*key, "as"),
+        f"copies to a robot of at most {MOST:,} bodies and joints",
+        f"{count:,}",
+    )
     if not _find_within(names, entry.of):
         split = (name.split(".") for name in names)
         sets = dict.fromkeys(
@@ -135,9 +140,12 @@ def _check(tables: Sequence[Mapping[str, Any]], entry: Copies, number: int) -> N
         known = list_some([*sets]) or "none"
         message = f'expected a set of bodies and joints ({known}), got "{entry.of}"'
         raise FieldError((*key, "of"), message)
-    if len(entry.as_) != len(entry.angles) or not entry.as_:
-        message = f"expected an angle for each of {len(entry.as_)} names, got {len(entry.angles)}"
-        raise FieldError((*key, "angles"), message)
+    require(
+        len(entry.as_) == len(entry.angles) and entry.as_,
+        (*key, "angles"),
+        f"an angle for each of {len(entry.as_)} names",
+        len(entry.angles),
+    )
     for position, new in enumerate(entry.as_):
         taken = _find_within(names, new)
         if new in entry.as_[:position] or taken or not all(new.split(".")):

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from stiffscope.cad.materials import AnyMaterial, material
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.robot.file import sections
 from stiffscope.robot.file.parse import Source
 from stiffscope.robot.file.quantities import ANGLE, LENGTH
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 
     import numpy as np
 
+    from stiffscope.errors import Key
     from stiffscope.robot.file.part_sections import PartSection
-    from stiffscope.robot.file.positions import Key
     from stiffscope.robot.file.quantities import Dimension
 
 GROUND = "ground"
@@ -168,9 +168,12 @@ def find_element(
     joints
         Names of the joints.
     """
-    if place in bodies and f"joints.{place}" in joints:
-        ways = f"bodies.{place} or joints.{place}"
-        raise InputError(f'expected {ways}, got "{place}", which both have')
+    require(
+        not (place in bodies and f"joints.{place}" in joints),
+        "",
+        f"bodies.{place} or joints.{place}",
+        f'"{place}", which both have',
+    )
     if place in bodies or place in joints:
         return place
     section, _, name = place.partition(".")

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Union, get_
 import numpy as np
 from pydantic import BeforeValidator, Discriminator, Tag, model_validator
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require, require_given
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file import values as v
-from stiffscope.robot.file.parse import Source, blame, parse_text
+from stiffscope.robot.file.parse import Source, naming_key, parse_text
 from stiffscope.robot.file.tables import one_of, read_table
 from stiffscope.robot.file.values import Says, Section
 from stiffscope.vjm.elements import machine_elements as me
@@ -28,10 +28,12 @@ if TYPE_CHECKING:
 def _check_both(value: Any) -> Any:
     pair = value if isinstance(value, list | tuple) else [value, value]
     found = tuple(q.to_si(each, q.NUMBER) for each in pair)
-    if len(found) != 2 or not all(0.5 < each < 1.0 for each in found):
-        raise ValueError(
-            q.expected("a groove radius over ball diameter such as 0.52", value)
-        )
+    require(
+        len(found) == 2 and all(0.5 < each < 1.0 for each in found),
+        "",
+        "a groove radius over ball diameter such as 0.52",
+        q.show_value(value),
+    )
     return found
 
 
@@ -68,12 +70,8 @@ class ElementSection(Section):
 
     def _need(self, *keys: str) -> list[Any]:
         """Return the values of keys; raise InputError if one is missing."""
-        for key in keys:
-            if getattr(self, key) is None:
-                raise InputError(
-                    f"{key}: expected a value beside the others, got nothing"
-                )
-        return [getattr(self, key) for key in keys]
+        what = "a value beside the others"
+        return [require_given(getattr(self, key), key, what) for key in keys]
 
     @property
     def _by_sheet(self) -> str:
@@ -84,11 +82,12 @@ class ElementSection(Section):
     def _possible(self) -> ElementSection:
         beside = self.model_fields_set - {"kind", "offset", *self.sheet, *self.beside}
         for key in type(self).model_fields if self._by_sheet else ():
-            if key in beside:
-                fault = (
-                    f"expected none beside the sheet's own {self._by_sheet}, got one"
-                )
-                raise InputError(f"bearing.{key}: {fault}")
+            require(
+                key not in beside,
+                f"bearing.{key}",
+                f"none beside the sheet's own {self._by_sheet}",
+                "one",
+            )
         try:
             _ = self.element().compliance
         except InputError as error:
@@ -111,14 +110,15 @@ class _Rotary(ElementSection):
         known = [(each or 0.0) for each in (self.radial, self.axial, self.tilting)]
         source = "the sheet's own stiffness"
         acting = self.preload or float(np.linalg.norm(self.load))
-        if self.at_load is None and acting:
-            beside = "preload" if self.preload else "load"
-            expected = f"the load of the sheet's own stiffness beside {beside}"
-            raise InputError(f"at_load: expected {expected}, got nothing")
+        beside = "preload" if self.preload else "load"
+        what = f"the load of the sheet's own stiffness beside {beside}"
+        require(self.at_load is not None or not acting, "at_load", what, "nothing")
         if self.at_load is not None:
-            if not (self.at_load > 0.0 and acting > 0.0):
-                expected = "it beside the preload or load that acts here"
-                raise InputError(f"at_load: expected {expected}, both above 0")
+            require(
+                self.at_load > 0.0 and acting > 0.0,
+                "at_load",
+                "it beside the preload or load that acts here, both above 0",
+            )
             known = [me.at_load(each, self.at_load, acting, exponent) for each in known]
             source += f" at {self.at_load:g} N, as the load to the power {1.0 - 1.0 / exponent:.3g}"
         return me.of_sheet(known[0], known[1], known[2], source)
@@ -155,9 +155,9 @@ class BallBearing(_Rotary):
         balls, ball, pitch = self._need("balls", "ball", "pitch")
         if angular:
             self._need("angle")
-        if angular and self._force[0] < 0.0:
-            what = "a thrust along the pressed side of an angular-contact bearing"
-            raise InputError(f"load: expected {what}, got {self._force[0]:g} N")
+        thrust = self._force[0]
+        what = "a thrust along the pressed side of an angular-contact bearing"
+        require(not angular or thrust >= 0.0, "load", what, f"{thrust:g} N")
         modulus = me.reduced_modulus(
             {"steel": me.STEEL, "ceramic": me.CERAMIC}[self.ball_material]
         )
@@ -239,11 +239,12 @@ class LinearGuide(ElementSection):
             return np.eye(3)
         across = axes.T @ np.cross(self.normal, axes[:, 0])
         size = np.linalg.norm(across)
-        if size < PARALLEL * np.linalg.norm(self.normal):
-            got = f"one along it, {list(self.normal)}"
-            raise InputError(
-                f"bearing.normal: expected a direction across the joint's axis, got {got}"
-            )
+        require(
+            size >= PARALLEL * np.linalg.norm(self.normal),
+            "bearing.normal",
+            "a direction across the joint's axis",
+            f"one along it, {list(self.normal)}",
+        )
         _, c, s = across / size
         return np.array(
             [[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]]
@@ -257,9 +258,12 @@ class LinearGuide(ElementSection):
             "rail_spacing": rails,
             "carriage_spacing": carriages,
         }.items():
-            if count > 1 and not spacing:
-                expected = f"the distance of one of {count} from the next"
-                raise InputError(f"{key}: expected {expected}, got none")
+            require(
+                count == 1 or spacing,
+                key,
+                f"the distance of one of {count} from the next",
+                "none",
+            )
         if self._by_sheet or self.balls is None:
             vertical, lateral = self._need("vertical", "lateral")
             each = (
@@ -275,9 +279,12 @@ class LinearGuide(ElementSection):
                 "tilt": "carriages",
                 "yaw": "carriages",
             }.items():
-                if not getattr(self, key) and getattr(self, others) == 1:
-                    expected = f"a carriage's own beside one of {others}"
-                    raise InputError(f"{key}: expected {expected}, got nothing")
+                require(
+                    getattr(self, key) or getattr(self, others) > 1,
+                    key,
+                    f"a carriage's own beside one of {others}",
+                    "nothing",
+                )
             source = "the sheet's own stiffness of one carriage"
             return me.guide_of_sheet(each, rails, carriages, source)
         keys = ("ball", "width", "height", "length", "preload")
@@ -341,14 +348,11 @@ def _some(value: Any) -> Any:
     """Return one or several elements as a tuple, each of a known kind."""
     several = value if isinstance(value, list | tuple) else [value]
     for each in several:
-        if not isinstance(each, dict | ElementSection):
-            raise ValueError(
-                q.expected(f"a table with a kind ({', '.join(ELEMENTS)})", each)
-            )
+        what = f"a table with a kind ({', '.join(ELEMENTS)})"
+        require(isinstance(each, dict | ElementSection), "", what, q.show_value(each))
         if isinstance(each, dict):
             one_of(each.get("kind"), ELEMENTS, "a kind of bearing")
-    if not several:
-        raise ValueError("expected at least one bearing, got none")
+    require(several, "", "at least one bearing", "none")
     return tuple(several)
 
 
@@ -366,6 +370,6 @@ def read_element(path: Path, text: str) -> ElementSection:
     """Read an element from its own file; raise InputError with file, line and field if invalid."""
     data = parse_text(path, text, "a file of an element")
     with Source(path, text).refusing():
-        with blame("kind"):
+        with naming_key("kind"):
             kind = one_of(data.get("kind"), ELEMENTS, "a kind of element")
         return read_table(ELEMENTS[kind], data, ())

@@ -8,6 +8,7 @@ from contextlib import suppress
 from graphlib import CycleError, TopologicalSorter
 from typing import TYPE_CHECKING, Any
 
+from stiffscope.errors import FieldError, require
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.expressions import (
     check_names,
@@ -16,7 +17,7 @@ from stiffscope.robot.file.expressions import (
     parse,
     refuse_name,
 )
-from stiffscope.robot.file.parse import FieldError, blame
+from stiffscope.robot.file.parse import naming_key
 from stiffscope.robot.file.part_sections import PARTS
 from stiffscope.robot.file.values import Reads, measured_quantity, read_any
 
@@ -25,8 +26,8 @@ if TYPE_CHECKING:
 
     from pydantic.fields import FieldInfo
 
+    from stiffscope.errors import Key
     from stiffscope.robot.file.expressions import Expression
-    from stiffscope.robot.file.positions import Key
 
 _TEXTS = {"name", "source", "file"}  # free text, never an expression
 _MARK = re.compile(r"\s*(?:±|\+/-|\+-)\s*")
@@ -71,7 +72,7 @@ def evaluate(
         for key, value, field in _list_given(data).values():
             given = value is not None and not is_expression(value)
             for reads in field.metadata if field is not None and given else ():
-                with blame(*key):
+                with naming_key(*key):
                     reads.read(value) if isinstance(reads, Reads) else None
         raise
 
@@ -148,7 +149,7 @@ def _parameter_values(data: Mapping[str, Any]) -> dict[str, float]:
         if is_expression(value):
             expressions[name] = _parse(key, value, given)
         elif key[0] == "parameters":
-            with blame(*key):
+            with naming_key(*key):
                 values[name] = measured_quantity(value)
         else:
             with suppress(
@@ -179,12 +180,11 @@ def _list_given(
     found: dict[str, tuple[Key, Any, FieldInfo | None]] = {}
     for name, value in data.get("parameters", {}).items():
         key = ("parameters", name)
-        with blame(*key):
+        with naming_key(*key):
             refuse_name(name)
-        if normalize(name) in found:
-            other = found[normalize(name)][0][1]
-            got = f'"{name}", one letter with "{other}"'
-            raise FieldError(key, f"expected a name of its own, got {got}")
+        other = found.get(normalize(name))
+        got = f'"{name}", one letter with "{other[0][1] if other else ""}"'
+        require(other is None, key, "a name of its own", got)
         found[normalize(name)] = (key, value, None)
     for part, section in data.get("parts", {}).items():
         shape = section.get("shape") if isinstance(section, dict) else None
@@ -211,7 +211,7 @@ def _list_given(
 
 
 def _parse(key: Key, text: str, known: Mapping[str, Any]) -> Expression:
-    with blame(*key):
+    with naming_key(*key):
         expression = parse(text)
         check_names(expression, known)
         return expression
@@ -219,11 +219,8 @@ def _parse(key: Key, text: str, known: Mapping[str, Any]) -> Expression:
 
 def _evaluate(key: Key, expression: Expression, values: Mapping[str, float]) -> float:
     for name in expression.names:
-        if name not in values:
-            raise FieldError(
-                key, f'expected names of numbers, got "{name}", which is none'
-            )
-    with blame(*key):
+        require(name in values, key, "names of numbers", f'"{name}", which is none')
+    with naming_key(*key):
         known = {
             name: getattr(values[name], "powers", None) for name in expression.names
         }

@@ -14,7 +14,7 @@ import unicodedata
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.errors import meant, say_count
+from stiffscope.errors import require, say_count, suggest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping
@@ -58,10 +58,12 @@ class Expression:
     def value(self, values: Mapping[str, float]) -> float:
         """Return its value, SI, given its names' values; ValueError unless finite and real."""
         found = _evaluate(self.tree, self.text, values)
-        if not math.isfinite(found):
-            raise ValueError(
-                "expected an expression of finite value, got one that is too large"
-            )
+        require(
+            math.isfinite(found),
+            "",
+            "an expression of finite value",
+            "one that is too large",
+        )
         return found
 
     def powers(self, known: Mapping[str, Powers | None]) -> Powers | None:
@@ -79,15 +81,18 @@ def is_expression(value: Any) -> bool:
 
 def refuse_name(name: str) -> None:
     """Raise ValueError if expressions cannot use a parameter's name."""
-    if name in FUNCTIONS or name in CONSTANTS:
-        raise ValueError(
-            f'expected another name, got "{name}", which expressions already have'
-        )
-    if not name.isidentifier() or keyword.iskeyword(name):
-        what = (
-            "a name that expressions can use (letters, digits, _; no keyword of Python)"
-        )
-        raise ValueError(f'expected {what}, got "{name}"')
+    require(
+        name not in FUNCTIONS and name not in CONSTANTS,
+        "",
+        "another name",
+        f'"{name}", which expressions already have',
+    )
+    require(
+        name.isidentifier() and not keyword.iskeyword(name),
+        "",
+        "a name that expressions can use (letters, digits, _; no keyword of Python)",
+        f'"{name}"',
+    )
 
 
 def normalize(name: str) -> str:
@@ -98,21 +103,20 @@ def normalize(name: str) -> str:
 def parse(text: str) -> Expression:
     """Parse "= …"; raise ValueError, one line, unless it is arithmetic."""
     body = " ".join(text.strip().removeprefix("=").split())
-    if len(body) > MOST_CHARACTERS:
-        most = f"at most {MOST_CHARACTERS} characters"
-        raise ValueError(f"expected an expression of {most}, got {len(body)}")
+    require(
+        len(body) <= MOST_CHARACTERS,
+        "",
+        f"an expression of at most {MOST_CHARACTERS} characters",
+        len(body),
+    )
+    shown = f'"= {_cut(body)}"'
     try:
         tree = ast.parse(body, mode="eval").body
-    except SyntaxError as error:
+    except (SyntaxError, RecursionError, MemoryError, ValueError) as error:
         what = 'an expression without units such as "= 0.18 + a*cos(th)"'
-        raise ValueError(f'expected {what}, got "= {_cut(body)}"') from error
-    except (RecursionError, MemoryError, ValueError) as error:
-        raise ValueError(
-            f'expected a simpler expression, got "{_cut(body)}"'
-        ) from error
-    if _levels(tree) > MOST_LEVELS:
-        most = f"at most {MOST_LEVELS} levels"
-        raise ValueError(f'expected an expression of {most}, got "{_cut(body)}"')
+        raise ValueError(f"expected {what}, got {shown}") from error
+    most = f"an expression of at most {MOST_LEVELS} levels"
+    require(_levels(tree) <= MOST_LEVELS, "", most, shown)
     return Expression(body, tree, tuple(dict.fromkeys(_names(tree, body))))
 
 
@@ -123,7 +127,7 @@ def check_names(expression: Expression, known: Collection[str]) -> None:
             listed = ", ".join(sorted(known)[:12]) or "(none)"
             what = f"a name of [parameters] or part.parameter ({listed})"
             raise ValueError(
-                f'expected {what}, got "{name}"{meant(name, sorted(known))}'
+                f'expected {what}, got "{name}"{suggest(name, sorted(known))}'
             )
 
 
@@ -139,8 +143,9 @@ def _levels(tree: ast.expr) -> int:
 
 def _names(node: ast.expr, text: str) -> Iterator[str]:
     """Yield the names in an expression; raise ValueError unless it is arithmetic."""
-    if isinstance(node, ast.Name) and node.id in FUNCTIONS:
-        raise ValueError(f"expected {node.id}(…), got {node.id} without its argument")
+    if isinstance(node, ast.Name):
+        got = f"{node.id} without its argument"
+        require(node.id not in FUNCTIONS, "", f"{node.id}(…)", got)
     if isinstance(node, ast.Name | ast.Attribute):
         name = _join_dotted(node, text)
         if name not in CONSTANTS:
@@ -182,10 +187,8 @@ def _measure(  # noqa: PLR0911 (one for each kind of node)
         case ast.UnaryOp():
             return first
         case ast.BinOp(op=ast.Add() | ast.Sub()) | ast.Call(func=ast.Name(id="atan2")):
-            if not (fits(first, last) or fits(last, first)):
-                raise ValueError(
-                    f"expected quantities of one kind, got {_piece(node, text)}"
-                )
+            alike = fits(first, last) or fits(last, first)
+            require(alike, "", "quantities of one kind", _piece(node, text))
             alike = first if first != PLAIN else last
             return (
                 _ANGLE
@@ -206,9 +209,8 @@ def _measure(  # noqa: PLR0911 (one for each kind of node)
             return first and last and tuple(map(sign, first, last))
     if operation is math.sqrt:
         return first and tuple(each / 2.0 for each in first)
-    if first is not None and any(first[:-1]):
-        got = f"{_piece(node, text)} of another quantity"
-        raise ValueError(f"expected an angle or a plain number, got {got}")
+    got = f"{_piece(node, text)} of another quantity"
+    require(not any((first or ())[:-1]), "", "an angle or a plain number", got)
     return _ANGLE if operation in {math.asin, math.acos, math.atan} else PLAIN
 
 
@@ -230,10 +232,12 @@ def _operation(node: ast.expr, text: str) -> tuple[Operation, list[ast.expr]]:
             name in FUNCTIONS
         ):
             function, count = FUNCTIONS[name]
-            if len(args) != count:
-                raise ValueError(
-                    f"expected {say_count(count, 'argument')} of {name}, got {len(args)}"
-                )
+            require(
+                len(args) == count,
+                "",
+                f"{say_count(count, 'argument')} of {name}",
+                len(args),
+            )
             return function, args
     hint = (
         "; a power is **"
@@ -260,20 +264,15 @@ def _piece(node: ast.expr, text: str) -> str:
 def _apply(function: Operation, values: list[float], piece: str) -> float:
     """Apply a function to numbers; ValueError, naming the operands, unless finite and real."""
     shown = f"{piece} of {', '.join(f'{value:.6g}' for value in values)}"
-    unreal = f"expected an expression of real value, got {shown}, which has none"
     try:
         result = function(*values)
-    except ZeroDivisionError as error:
-        raise ValueError(f"expected no division by zero, got {shown}") from error
-    except OverflowError as error:
-        large = f"{shown}, which is too large"
+    except (ArithmeticError, ValueError) as error:
+        fault = f"{shown}: {error.args[-1]}"
         raise ValueError(
-            f"expected an expression of finite value, got {large}"
+            f"expected an expression of finite real value, got {fault}"
         ) from error
-    except ValueError as error:
-        raise ValueError(unreal) from error
-    if isinstance(result, complex):
-        raise ValueError(unreal)
+    real = not isinstance(result, complex)
+    require(real, "", "an expression of real value", f"{shown}, which has none")
     return result
 
 

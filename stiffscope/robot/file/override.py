@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from stiffscope.cad.materials import MATERIALS
-from stiffscope.errors import InputError, meant
+from stiffscope.errors import InputError, require, suggest
 from stiffscope.robot.file.copies import copied_names
 from stiffscope.robot.file.part_sections import PARTS, InterfacePart
 from stiffscope.robot.file.sections import JOINTS, ElasticBody, InterfaceBody, RigidBody
@@ -18,8 +18,8 @@ from stiffscope.robot.file.tables import keys_of, list_some
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
+    from stiffscope.errors import Key
     from stiffscope.robot.file.parse import Source
-    from stiffscope.robot.file.positions import Key
 
 # sections whose names need no prefix; keys of their tables decide if two sections share a name
 NAMED = {
@@ -145,23 +145,27 @@ def check_unit(change: Override, written: Mapping[str, Any], owner: str) -> None
             stated = stated.get(part) if isinstance(stated, dict) else None
     unit = _STATED.fullmatch(stated) if isinstance(stated, str) else None
     if unit and change.value:
-        expected = f"expected a number with a unit such as {change.value:g} {unit[1]}"
-        raise InputError(
-            f'{change.text}: {expected}, as the file states "{stated}"; got {change.value:g}'
-        )
+        example = f"{change.value:g} {unit[1]}"
+        what = f'a number with a unit such as {example}, as the file states "{stated}"'
+        raise InputError(f"{change.text}: expected {what}; got {change.value:g}")
 
 
 def split(text: str) -> tuple[str, Any]:
     """Split "slider.thickness=25mm" (value in TOML, or else a string); InputError if invalid."""
-    if len(text) > MOST_CHARACTERS:
-        most = f"at most {MOST_CHARACTERS:,} characters"
-        raise InputError(f"--set {text[:60]}…: expected {most}, got {len(text):,}")
+    require(
+        len(text) <= MOST_CHARACTERS,
+        f"--set {text[:60]}…",
+        f"at most {MOST_CHARACTERS:,} characters",
+        f"{len(text):,}",
+    )
     name, equals, value = text.partition("=")
     name = name.strip().replace('"', "")
-    if not equals or not value.strip() or not all(name.split(".")) or "." not in name:
-        raise InputError(
-            f'--set {text}: expected NAME.KEY=VALUE such as {_EXAMPLE}, got "{text}"'
-        )
+    require(
+        equals and value.strip() and all(name.split(".")) and "." in name,
+        f"--set {text}",
+        f"NAME.KEY=VALUE such as {_EXAMPLE}",
+        f'"{text}"',
+    )
     try:
         return name, tomllib.loads(f"value = {value.strip()}")["value"]
     except (KeyError, ValueError, RecursionError):  # usually a string without quotes
@@ -180,25 +184,28 @@ def locate(text: str, names: Mapping[str, Sequence[str]]) -> Override:
     if section == "parameters" and rest not in (there := names.get(section, ())):
         what = f"a parameter of the file ({list_some(there) or 'it has none'})"
         raise InputError(
-            f'--set {text}: expected {what}, got "{rest}"{meant(rest, there)}'
+            f'--set {text}: expected {what}, got "{rest}"{suggest(rest, there)}'
         )
     if section in TABLES:
         inside = _ways(rest, names.get(section, ())) if section in _NESTED else []
         found.append((section, *(inside[0] if inside else rest.split("."))))
     if not found:
         known = [each for section in NAMED for each in names.get(section, ())]
-        guess = meant(section, [*known, *TABLES])
+        guess = suggest(section, [*known, *TABLES])
         what = (
             f"NAME.KEY=VALUE with a NAME of {list_some(known)} or {', '.join(TABLES)}"
         )
         raise InputError(f'--set {text}: expected {what}, got "{name}"{guess}')
     fitting = [key for key in found if len(key) > 2 and key[2] in NAMED.get(key[0], ())]
-    if (
-        len({key[0] for key in fitting} & {"bodies", "joints"}) > 1
-        and fitting[0][0] != "parts"
-    ):
-        ways = f"bodies.{name} or joints.{name}"
-        raise InputError(f"--set {text}: expected {ways}, got {name}, which both have")
+    require(
+        not (
+            len({key[0] for key in fitting} & {"bodies", "joints"}) > 1
+            and fitting[0][0] != "parts"
+        ),
+        f"--set {text}",
+        f"bodies.{name} or joints.{name}",
+        f"{name}, which both have",
+    )
     is_typed = isinstance(text, TypedOverride)
     return Override((fitting or found)[0], value, f"--set {text}", is_typed)
 

@@ -9,12 +9,14 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
-from stiffscope.errors import InputError
-from stiffscope.robot.file.positions import Key, line_of, positions
+from stiffscope.errors import FieldError, InputError
+from stiffscope.robot.file.positions import line_of, positions
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
+
+    from stiffscope.errors import Key
 
 MOST_VALUES = 50_000
 MOST_LEVELS = 30  # ample for a file written by hand
@@ -27,16 +29,8 @@ _DOTTED = re.compile(
 )  # parsing time is quadratic in depth
 
 
-class FieldError(ValueError):
-    """Error in the value of a key; `Source.refuse` adds file and line."""
-
-    def __init__(self, key: Key, message: str) -> None:
-        super().__init__(message)
-        self.key = key
-
-
 @contextmanager
-def blame(*key: str | int, inner: bool = False) -> Iterator[None]:
+def naming_key(*key: str | int, inner: bool = False) -> Iterator[None]:
     """Convert a ValueError in the block to a FieldError of a key, or of an inner key that it names."""
     try:
         yield
@@ -90,6 +84,11 @@ class Source:
         others = ", ".join(self.overrides[:3])
         message += f" (with --set {others})" if others and not by else ""
         return InputError(f"{where}: {field_name(key)}: {message}")
+
+    def require(self, valid: object, key: Key, expected: str, got: object) -> None:
+        """Raise the error of a key unless what it needs is valid."""
+        if not valid:
+            raise self.refuse(key, f"expected {expected}, got {got}")
 
     @contextmanager
     def refusing(self) -> Iterator[None]:
@@ -214,9 +213,8 @@ def _check_size(data: dict[str, Any]) -> None:
         key, value = left.pop()
         count += 1
         if count > MOST_VALUES:
-            raise FieldError(
-                key[:1], f"expected at most {MOST_VALUES} values in a file, got more"
-            )
+            most = f"at most {MOST_VALUES} values in a file"
+            raise FieldError(key[:1], f"expected {most}, got more")
         if len(key) > MOST_LEVELS:
             most = f"at most {MOST_LEVELS} levels of tables and lists"
             raise FieldError(key, f"expected {most}, got more")

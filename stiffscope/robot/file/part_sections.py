@@ -23,7 +23,7 @@ from stiffscope.cad.faces import ENDS, FaceSelector
 from stiffscope.cad.materials import AnyMaterial, Material, TransverselyIsotropic
 from stiffscope.cad.shapes import SHAPES
 from stiffscope.cad.solid import Placement, SolidParameters
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file import values as v
 from stiffscope.robot.file.values import Says, Section
@@ -56,10 +56,9 @@ def _position(value: Any) -> str | tuple[float, ...]:
     if isinstance(value, list) and len(value) == 3:
         x, y, z = (q.to_si(item, q.LENGTH, sign="any") for item in value)
         return x, y, z
-    if isinstance(value, str) and value in ENDS:
-        return value
     what = f'one of {", ".join(ENDS)} or a point such as ["85 mm", 0, 0]'
-    raise ValueError(q.expected(what, value))
+    require(isinstance(value, str) and value in ENDS, "", what, q.show_value(value))
+    return str(value)
 
 
 def _numbers(value: Any) -> tuple[int, ...]:
@@ -94,8 +93,7 @@ class Face(Section):
 
 def _some(value: Any) -> Any:
     faces = [value] if isinstance(value, dict) else value
-    if isinstance(faces, list | tuple) and not faces:
-        raise ValueError("expected at least one face selector, got none")
+    require(faces not in ([], ()), "", "at least one face selector", "none")
     return faces
 
 
@@ -249,15 +247,30 @@ PARAMETRIC = {name: _read_shape(shape) for name, shape in SHAPES.items()}
 globals().update({model.__name__: model for model in PARAMETRIC.values()})
 
 
+def _solid(value: Any) -> int | str:
+    if value == "all" or (type(value) is int and value >= 1):
+        return value
+    raise ValueError(q.expected('the number of a solid, from 1, or "all"', value))
+
+
+Chosen = Annotated[int | str, BeforeValidator(_solid)]
+
+
 class StepPart(SolidPart):
     """A solid from a STEP file; its faces by geometry, its axes by a frame, x from base to tip.
 
-    With two or more named `interfaces` instead of `clamped` and `loaded`, each a choice of faces,
+    Of a file of several solids, `solid` is the number of one, or "all", which are fused if they
+    touch. With two or more named `interfaces` instead of `clamped` and `loaded`, each a choice of faces,
     bodies made of it have these as ends, and are placed by their `at`, `x` and `y`.
     """
 
+    excludes = {"interfaces": ("clamped", "loaded", "reference_point")}  # noqa: RUF012 (not a field)
+
     compliance: Literal["fea"] = "fea"  # pyright: ignore[reportIncompatibleVariableOverride]
     file: Annotated[str, Says('a path such as "arm.step"')]
+    solid: Annotated[
+        Chosen | None, Says('the number of a solid in the file, or "all"')
+    ] = None
     clamped: Faces | None = None
     loaded: Faces | None = None
     interfaces: dict[str, Named] | None = None
@@ -275,21 +288,18 @@ class StepPart(SolidPart):
         self.placement()
         if self.interfaces is None:
             return self
-        if len(self.interfaces) < 2:
-            raise InputError(
-                f"step.interfaces: expected two or more, got {list(self.interfaces)}"
-            )
+        require(
+            len(self.interfaces) >= 2,
+            "step.interfaces",
+            "two or more",
+            list(self.interfaces),
+        )
         first = next(iter(self.interfaces))
-        if self.interfaces[first].interface == "distributed":
-            place = f"step.interfaces.{first}.interface"
-            raise InputError(
-                f"{place}: expected rigid for the first one, which is at rest"
-            )
-        for key in ("clamped", "loaded", "reference_point"):
-            if getattr(self, key) is not None:
-                raise InputError(
-                    f"step.{key}: expected none beside named interfaces, got one"
-                )
+        require(
+            self.interfaces[first].interface != "distributed",
+            f"step.interfaces.{first}.interface",
+            "rigid for the first one, which is at rest",
+        )
         return self
 
 
@@ -300,8 +310,12 @@ def _square(expected: str, size: int = 0) -> BeforeValidator:
         rows = value if isinstance(value, list | tuple) else []
         count = size or len(rows)
         listed = all(isinstance(row, list | tuple) for row in rows)
-        if not rows or not listed or {count} != {len(rows), *map(len, rows)}:
-            raise ValueError(q.expected(expected, value))
+        require(
+            rows and listed and {count} == {len(rows), *map(len, rows)},
+            "",
+            expected,
+            q.show_value(value),
+        )
         return tuple(
             tuple(q.to_si(entry, q.NUMBER, sign="any") for entry in row) for row in rows
         )
@@ -337,22 +351,28 @@ class MatrixPart(PartSection):
             raise ValueError(f"expected {what}, got another: {why[2]}") from error
         for k, most in enumerate((q.COMPLIANCE,) * 3 + (q.TILTING,) * 3):
             beyond = most.refusal(sound[k, k]) if sound[k, k] > 1.0 else ""
-            if beyond:
-                got = f"{sound[k, k]:g} for entry {k + 1}{k + 1}, which is {beyond}"
-                raise ValueError(f"expected {most.noun}, not a stiffness, got {got}")
+            require(
+                not beyond,
+                "",
+                f"{most.noun}, not a stiffness",
+                f"{sound[k, k]:g} for entry {k + 1}{k + 1}, which is {beyond}",
+            )
         return tuple(tuple(map(float, row)) for row in sound)
 
     @field_validator("error")
     @classmethod
     def _check_bounds(cls, value: Any) -> Any:
         bounds = np.array(value or np.zeros((6, 6)))
-        if bounds.min() < 0.0:
-            raise ValueError(f"expected bounds of at least 0, got {bounds.min():g}")
-        if not np.allclose(bounds, bounds.T, rtol=1e-6, atol=0.0):
-            i, j = np.unravel_index(np.abs(bounds - bounds.T).argmax(), (6, 6))
-            entries = f"{i + 1}{j + 1} and {j + 1}{i + 1}"
-            got = f"{bounds[i, j]:g} and {bounds[j, i]:g} for entries {entries}"
-            raise ValueError(f"expected symmetric bounds, got {got}")
+        least = bounds.min()
+        require(least >= 0.0, "", "bounds of at least 0", f"{least:g}")
+        i, j = np.unravel_index(np.abs(bounds - bounds.T).argmax(), (6, 6))
+        entries = f"{i + 1}{j + 1} and {j + 1}{i + 1}"
+        require(
+            np.allclose(bounds, bounds.T, rtol=1e-6, atol=0.0),
+            "",
+            "symmetric bounds",
+            f"{bounds[i, j]:g} and {bounds[j, i]:g} for entries {entries}",
+        )
         return value
 
 
@@ -365,6 +385,8 @@ class InterfacePart(PartSection):
     or Nastran's DMIG, as written by `stiffscope compliance --superelement`.
     """
 
+    excludes = {"mass_matrix": ("mass",)}  # noqa: RUF012 (not a field)
+
     interfaces: dict[str, v.Point]
     stiffness: Square
     mass_matrix: Square | None = None
@@ -375,8 +397,6 @@ class InterfacePart(PartSection):
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
-        if self.mass_matrix is not None and self.mass:
-            raise ValueError("expected mass or mass_matrix, got both")
         try:
             _ = self.build("part")
         except InputError as error:  # "bodies.part.stiffness: …"

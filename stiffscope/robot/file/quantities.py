@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 
 from stiffscope import data
+from stiffscope.errors import require
 from stiffscope.robot.file.expressions import PLAIN, Powers, fits, parse
 
 if TYPE_CHECKING:
@@ -175,16 +176,20 @@ def to_si(value: Any, dimension: Dimension, *, sign: str = "positive") -> float:
         )
     except OverflowError:
         si = math.inf
-    if not math.isfinite(si):
-        raise ValueError(f"{message}, which is not a finite number")
-    beyond = dimension.refusal(si)
-    if beyond:
-        raise ValueError(f"{message}, which is {beyond}")
-    if si <= 0 and sign == "positive":
-        raise ValueError(f"{message}: it must be greater than zero")
-    if si < 0 and sign != "any":
-        raise ValueError(f"{message}: it must not be negative")
+    fault = _find_fault(si, dimension, sign)
+    if fault:
+        raise ValueError(message + fault)
     return si
+
+
+def _find_fault(si: float, dimension: Dimension, sign: str) -> str:
+    """Return the end of the message that refuses a number; "" if it is valid."""
+    beyond = "not a finite number" if not math.isfinite(si) else dimension.refusal(si)
+    if beyond:
+        return f", which is {beyond}"
+    if si <= 0 and sign == "positive":
+        return ": it must be greater than zero"
+    return ": it must not be negative" if si < 0 and sign != "any" else ""
 
 
 def several(text: str, *dimensions: Dimension) -> tuple[float, ...]:
@@ -198,8 +203,7 @@ def several(text: str, *dimensions: Dimension) -> tuple[float, ...]:
     words = text.split(",")
     count = len(dimensions)
     got = len(words)
-    if got != count:
-        raise ValueError(f"expected {count} values with commas between them, got {got}")
+    require(got == count, "", f"{count} values with commas between them", got)
     matches = map(_NUMBER.match, words)
     pairs = zip(words, matches, strict=True)
     values = [

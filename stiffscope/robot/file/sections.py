@@ -17,7 +17,7 @@ from pydantic import (
     model_validator,
 )
 
-from stiffscope.errors import InputError
+from stiffscope.errors import require
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file import values as v
 from stiffscope.robot.file.element_sections import Elements
@@ -65,22 +65,15 @@ BodySection = ElasticBody | InterfaceBody | RigidBody
 
 class _Drive(Section):
     @model_validator(mode="after")
-    def _one_law(self) -> _Drive:
-        given = [
-            key for key in ("stiffness", "curve", "gear") if getattr(self, key, None)
-        ]
-        if len(given) != 1:
-            more = ", a curve or a gear" if hasattr(self, "gear") else " or a curve"
-            raise ValueError(
-                f"expected a stiffness{more}, got {' and '.join(given) or 'none'}"
-            )
+    def _check_rising(self) -> _Drive:
         curve = getattr(self, "curve", None) or ()
         for (x0, f0), (x, f) in pairwise(((0.0, 0.0), *curve)):
-            if not (x > x0 and f > f0):
-                got = f"{f:g} at {x:g}"
-                raise ValueError(
-                    f"expected a curve that rises from point to point, got {got}"
-                )
+            require(
+                x > x0 and f > f0,
+                "",
+                "a curve that rises from point to point",
+                f"{f:g} at {x:g}",
+            )
         return self
 
     @property
@@ -92,6 +85,8 @@ class _Drive(Section):
 
 class LinearDrive(_Drive):
     """A spring along a slide, N/m, or a curve of force, N, over m; backlash and range, m."""
+
+    exactly_one = (("stiffness", "curve"),)
 
     stiffness: v.Stiffness = 0.0
     range: v.Lengths | None = None
@@ -110,10 +105,12 @@ class Gear(Section):
 
     @model_validator(mode="after")
     def _check_rising(self) -> Gear:
-        if not self.t1 < self.t2:
-            raise ValueError(
-                f"expected a torque t1 below t2, got {self.t1:g} and {self.t2:g} N*m"
-            )
+        require(
+            self.t1 < self.t2,
+            "",
+            "a torque t1 below t2",
+            f"{self.t1:g} and {self.t2:g} N*m",
+        )
         return self
 
     @property
@@ -130,6 +127,8 @@ class Gear(Section):
 
 class RotaryDrive(_Drive):
     """A spring about an axis, N·m/rad, a curve of torque, N·m, or a gear; backlash, range, rad."""
+
+    exactly_one = (("stiffness", "curve", "gear"),)
 
     stiffness: v.Torsion = 0.0
     range: v.Angles | None = None
@@ -158,12 +157,12 @@ _BETWEEN = 'two bodies or ends such as ["ground", "arm.base"]'
 
 
 def _two_names(value: Any) -> Any:
-    if not isinstance(value, list | tuple) or [type(name) for name in value] != [
-        str,
-        str,
-    ]:
-        what = 'two bodies or ends of bodies such as ["ground", "arm.base"]'
-        raise ValueError(q.expected(what, value))
+    require(
+        isinstance(value, list | tuple) and [type(name) for name in value] == [str] * 2,
+        "",
+        'two bodies or ends of bodies such as ["ground", "arm.base"]',
+        q.show_value(value),
+    )
     return value
 
 
@@ -194,14 +193,10 @@ class JointSection(Section):
         held = [i for i in range(6) if size[i] > 0.0]
         loose = [AXES[i] for i in range(6) if i not in {*held, *free}]
         stuck = [AXES[i] for i in held if i in free and i != driven]
-        if loose or stuck:
-            wanted = (
-                f"hold {', '.join(loose)} too"
-                if loose
-                else f"leave {', '.join(stuck)} free"
-            )
-            kinds = ", ".join(each.kind for each in self.bearing)
-            raise InputError(f"bearing: expected bearings that {wanted}, got {kinds}")
+        kinds = ", ".join(each.kind for each in self.bearing)
+        for wrong, wanted in ((loose, "hold {} too"), (stuck, "leave {} free")):
+            form = f"bearings that {wanted.format(', '.join(wrong))}"
+            require(not wrong, "bearing", form, kinds)
         out = np.zeros((6, 6))
         unit = np.outer(size, size)[np.ix_(held, held)]
         out[np.ix_(held, held)] = np.linalg.inv(total[np.ix_(held, held)] / unit) / unit
@@ -270,9 +265,8 @@ class Copies(Section):
     @field_validator("as_", "angles", mode="before")
     @classmethod
     def _lists(cls, value: Any) -> Any:
-        if not isinstance(value, list | tuple):
-            what = 'a list such as ["leg2", "leg3"] or ["120 deg", "240 deg"]'
-            raise ValueError(q.expected(what, value))
+        what = 'a list such as ["leg2", "leg3"] or ["120 deg", "240 deg"]'
+        require(isinstance(value, list | tuple), "", what, q.show_value(value))
         return value
 
 
@@ -289,10 +283,12 @@ class ToolSection(Section):
     @field_validator("pose")
     @classmethod
     def _check_distinct(cls, value: tuple[str, ...]) -> tuple[str, ...]:
-        if len(set(value)) != len(value):
-            raise ValueError(
-                f"expected each of {' '.join(AXES)} at most once, got {' '.join(value)}"
-            )
+        require(
+            len(set(value)) == len(value),
+            "",
+            f"each of {' '.join(AXES)} at most once",
+            " ".join(value),
+        )
         return value
 
 

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any, Literal, TypeVar
 
 from pydantic import BaseModel, ValidationError
 
-from stiffscope.errors import InputError, meant
+from stiffscope.errors import FieldError, InputError, suggest
 from stiffscope.robot.file import quantities as q
-from stiffscope.robot.file.parse import FieldError, split_place
+from stiffscope.robot.file.parse import split_place
 from stiffscope.robot.file.values import Reads, Says
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
-    from stiffscope.robot.file.positions import Key
+    from stiffscope.errors import Key
 
 Model = TypeVar("Model", bound=BaseModel)
 _EXPECTED = {
@@ -61,7 +61,7 @@ def one_of(word: Any, valid: Iterable[str], what: str) -> str:
     if isinstance(word, str) and word in valid:
         return word
     wanted = f"{what} ({list_some(valid, 20) or 'none'})"
-    raise ValueError(f"{q.expected(wanted, word)}{meant(str(word), valid)}")
+    raise ValueError(f"{q.expected(wanted, word)}{suggest(str(word), valid)}")
 
 
 def list_some(words: Sequence[str], most: int = 12) -> str:
@@ -72,7 +72,7 @@ def list_some(words: Sequence[str], most: int = 12) -> str:
 def unknown_key(word: str, valid: Sequence[str]) -> str:
     """Message for a key that a table cannot have."""
     return (
-        f'expected a known key ({", ".join(valid)}), got "{word}"{meant(word, valid)}'
+        f'expected a known key ({", ".join(valid)}), got "{word}"{suggest(word, valid)}'
     )
 
 

@@ -6,12 +6,12 @@ from itertools import chain
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.errors import InputError
+from stiffscope.errors import FieldError, InputError, require
 from stiffscope.fea.superelement_files import read_superelement
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file import sections
 from stiffscope.robot.file.description import RobotFile, find_element
-from stiffscope.robot.file.parse import FieldError, blame
+from stiffscope.robot.file.parse import naming_key
 from stiffscope.robot.file.part_sections import (
     PARTS,
     Fibrous,
@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from stiffscope.cad.materials import AnyMaterial
+    from stiffscope.errors import Key
     from stiffscope.robot.file.description import Turned
     from stiffscope.robot.file.parse import Source
     from stiffscope.robot.file.part_sections import PartSection
-    from stiffscope.robot.file.positions import Key
 
 LISTS = ("copies", "effects")
 _DEEPEST = 30  # groups within each other
@@ -63,13 +63,15 @@ def check_top(data: Mapping[str, Any]) -> None:
         )
         if key == "name":
             continue
-        if not isinstance(data[key], kind):
-            raise FieldError((key,), q.expected(what, data[key]))
+        require(isinstance(data[key], kind), (key,), what, q.show_value(data[key]))
         for name in data[key] if kind is dict else ():
-            if not name.isprintable():  # a terminal would obey it
-                raise FieldError(
-                    (key, name), q.expected("a name of printable characters", name)
-                )
+            # a terminal would obey it
+            require(
+                name.isprintable(),
+                (key, name),
+                "a name of printable characters",
+                q.show_value(name),
+            )
 
 
 def validate(
@@ -125,10 +127,9 @@ def validate(
         gravity = read_table(sections.GravitySection, data["gravity"], ("gravity",))
     effects = enumerate(data.get("effects", []))
     name = data.get("name", source.path.stem)
-    if not isinstance(name, str) or not name.strip() or not name.isprintable():
-        raise FieldError(
-            ("name",), q.expected("a name in quotes, one printable line", name)
-        )
+    is_name = isinstance(name, str) and name.strip() and name.isprintable()
+    form = "a name in quotes, one printable line"
+    require(is_name, ("name",), form, q.show_value(name))
     return RobotFile(
         name=name,
         parts=parts,
@@ -164,37 +165,51 @@ def _read_part(name: str, table: Any, folder: Path) -> PartSection:
 def _with_matrices(table: dict[str, Any], folder: Path, key: Key) -> dict[str, Any]:
     """Add interfaces and matrices of its file to a part's table; own interfaces take precedence."""
     for other in ("stiffness", "mass_matrix", "mode_squares", "matrix"):
-        if other in table:
-            message = "expected none beside a file, which holds the matrices, got one"
-            raise FieldError((*key, other), message)
-    if not isinstance(table["file"], str):
-        raise FieldError(
-            (*key, "file"), q.expected('a path such as "bracket.npz"', table["file"])
+        require(
+            other not in table,
+            (*key, other),
+            "none beside a file, which holds the matrices",
+            "one",
         )
-    with blame(*key, "file"):
+    file = table["file"]
+    form = 'a path such as "bracket.npz"'
+    require(isinstance(file, str), (*key, "file"), form, q.show_value(file))
+    with naming_key(*key, "file"):
         found = read_superelement(folder / table["file"])
         interfaces = table.get("interfaces", found.interfaces)
-        if not interfaces:
-            what = "interfaces beside a file that names none, in the order of its rows"
-            raise ValueError(f"expected {what}, got nothing")
-        if not isinstance(interfaces, dict):
-            raise FieldError(
-                (*key, "interfaces"), q.expected("a table of places", interfaces)
-            )
-        if found.interfaces and len(interfaces) != len(found.interfaces):
-            wanted = f"{len(found.interfaces)}, as the file has nodes"
-            raise FieldError(
-                (*key, "interfaces"), f"expected {wanted}, got {len(interfaces)}"
-            )
+        require(
+            interfaces,
+            "",
+            "interfaces beside a file that names none, in the order of its rows",
+            "nothing",
+        )
+        require(
+            isinstance(interfaces, dict),
+            (*key, "interfaces"),
+            "a table of places",
+            q.show_value(interfaces),
+        )
+        require(
+            len(interfaces) == len(found.interfaces or interfaces),
+            (*key, "interfaces"),
+            f"{len(found.interfaces)}, as the file has nodes",
+            len(interfaces),
+        )
         ends = 6 * len(interfaces)
         shape = found.stiffness.shape
         square = shape == shape[:1] * 2 and shape[0] >= ends
-        if not square or (found.mass is not None and found.mass.shape != shape):
-            what = f"matrices of at least {ends} rows, six for each interface"
-            raise ValueError(f"expected {what}, got {' x '.join(map(str, shape))}")
-        if found.mass is None and shape[0] > ends:
-            what = f"a mass matrix beside {shape[0] - ends} modes"
-            raise ValueError(f"expected {what}, got stiffness alone")
+        require(
+            square and (found.mass is None or found.mass.shape == shape),
+            "",
+            f"matrices of at least {ends} rows, six for each interface",
+            " x ".join(map(str, shape)),
+        )
+        require(
+            found.mass is not None or shape[0] == ends,
+            "",
+            f"a mass matrix beside {shape[0] - ends} modes",
+            "stiffness alone",
+        )
     matrices = {
         "interfaces": interfaces,
         "stiffness": found.stiffness[:ends, :ends].tolist(),
@@ -209,13 +224,9 @@ def _choose(
     table: Any, word: str, valid: Iterable[str], key: tuple[str, ...], what: str
 ) -> str:
     """Return the kind of a table, given by its key ``word``; raise FieldError if invalid."""
-    if not isinstance(table, dict):
-        raise FieldError(key, q.expected("a table", table))
-    if word not in table:
-        raise FieldError(
-            (*key, word), f"expected {what} ({', '.join(valid)}), got nothing"
-        )
-    with blame(*key, word):
+    require(isinstance(table, dict), key, "a table", q.show_value(table))
+    require(word in table, (*key, word), f"{what} ({', '.join(valid)})", "nothing")
+    with naming_key(*key, word):
         return one_of(table[word], valid, what)
 
 
@@ -248,9 +259,12 @@ def _read_joint(name: str, table: Any) -> sections.JointSection:
     driven = [
         each for each, model in sections.JOINTS.items() if "drive" in model.model_fields
     ]
-    if "drive" in table and kind not in driven:
-        what = f"a joint that a drive can move ({', '.join(driven)})"
-        raise FieldError((*key, "drive"), f"expected {what}, got a {kind} one")
+    require(
+        "drive" not in table or kind in driven,
+        (*key, "drive"),
+        f"a joint that a drive can move ({', '.join(driven)})",
+        f"a {kind} one",
+    )
     return read_table(sections.JOINTS[kind], table, key)
 
 
@@ -276,14 +290,13 @@ def _read_groups(
     elements = [*bodies, *joints]
     for name, listed in table.items():
         key = ("groups", name)
-        if name in elements:
-            raise FieldError(
-                key, f'expected a name that no body or joint has, got "{name}"'
-            )
-        if not isinstance(listed, list):
-            raise FieldError(key, q.expected("a list of bodies and joints", listed))
+        require(
+            name not in elements, key, "a name that no body or joint has", f'"{name}"'
+        )
+        form = "a list of bodies and joints"
+        require(isinstance(listed, list), key, form, q.show_value(listed))
         for number, each in enumerate(listed):
-            with blame(*key, number):
+            with naming_key(*key, number):
                 if not isinstance(each, str) or not find_element(each, bodies, joints):
                     others = [other for other in table if other != name]
                     one_of(each, [*elements, *others], "a body, a joint or a group")
@@ -291,16 +304,18 @@ def _read_groups(
     found: dict[str, tuple[str, ...]] = {}
 
     def members(name: str, above: tuple[str, ...] = ()) -> tuple[str, ...]:
-        if name in above:
-            circle = " -> ".join((*above, name))
-            raise FieldError(
-                ("groups", name), f"expected no group within itself, got {circle}"
-            )
-        if len(above) > _DEEPEST:
-            raise FieldError(
-                ("groups", above[0]),
-                f"expected at most {_DEEPEST} groups within each other, got more",
-            )
+        require(
+            name not in above,
+            ("groups", name),
+            "no group within itself",
+            " -> ".join((*above, name)),
+        )
+        require(
+            len(above) <= _DEEPEST,
+            ("groups", *above[:1]),
+            f"at most {_DEEPEST} groups within each other",
+            "more",
+        )
         if name not in found:
             parts = (
                 members(each, (*above, name))
@@ -326,13 +341,16 @@ def read_pose(value: Any, tool: sections.ToolSection, key: Key) -> tuple[float, 
     key
         Key of the value: keys of its tables, outermost first.
     """
-    if not isinstance(value, list | tuple) or len(value) != len(tool.pose):
-        names = f", {' '.join(tool.pose)}" if tool.pose else ", as tool.pose has none"
-        what = f"a pose of {len(tool.pose)}{names}"
-        raise FieldError(key, q.expected(what, value))
+    names = " ".join(tool.pose) or "as tool.pose has none"
+    require(
+        isinstance(value, list | tuple) and len(value) == len(tool.pose),
+        key,
+        f"a pose of {len(tool.pose)}, {names}",
+        q.show_value(value),
+    )
     found = []
     for number, (name, each) in enumerate(zip(tool.pose, value, strict=True)):
-        with blame(*key, number):
+        with naming_key(*key, number):
             dimension = q.LENGTH if name in sections.AXES[:3] else q.ANGLE
             found.append(q.to_si(each, dimension, sign="any"))
     return tuple(found)
@@ -343,14 +361,14 @@ def _read_map(table: Any, tool: sections.ToolSection) -> sections.MapSection:
     swept = found.ranges()
     known = " ".join(tool.pose)
     for name in swept:
-        if name not in tool.pose:
-            message = f"expected coordinates of the pose ({known}), got {name}"
-            raise FieldError(("map", name), message)
-    if len(swept) != 2:
-        got = " ".join(swept) or "none"
-        raise FieldError(
-            ("map",),
-            f"expected two coordinates of the pose ({known}) to sweep, got {got}",
+        require(
+            name in tool.pose, ("map", name), f"coordinates of the pose ({known})", name
         )
+    require(
+        len(swept) == 2,
+        ("map",),
+        f"two coordinates of the pose ({known}) to sweep",
+        " ".join(swept) or "none",
+    )
     at = None if found.at is None else read_pose(found.at, tool, ("map", "at"))
     return found.model_copy(update={"at": at})

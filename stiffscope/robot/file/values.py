@@ -9,15 +9,22 @@ import math
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    model_validator,
+)
 
+from stiffscope.errors import require
 from stiffscope.fea.settings import MOST_LAYERS
 from stiffscope.robot.file import quantities as q
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
 
 class Says(str):
@@ -93,14 +100,13 @@ def parse_whole(value: Any) -> int:
     """Return a non-negative integer, also from an expression's float; ValueError otherwise."""
     if isinstance(value, float) and value.is_integer() and value < 2**53:
         value = int(value)
-    if isinstance(value, bool) or not isinstance(value, int) or value < 0:
-        raise ValueError(q.expected("a whole number such as 4", value))
-    return value
+    whole = isinstance(value, int) and not isinstance(value, bool) and value >= 0
+    require(whole, "", "a whole number such as 4", q.show_value(value))
+    return int(value)
 
 
 def _flag(value: Any) -> bool:
-    if not isinstance(value, bool):
-        raise ValueError(q.expected("true or false", value))
+    require(isinstance(value, bool), "", "true or false", q.show_value(value))
     return value
 
 
@@ -113,18 +119,14 @@ def _whole(
     """What reads a whole number from 1 on."""
 
     def read(value: Any) -> int:
-        if not 1 <= parse_whole(value) <= most:
-            raise ValueError(q.expected(expected, value))
+        require(1 <= parse_whole(value) <= most, "", expected, q.show_value(value))
         return parse_whole(value)
 
     return Reads(read, says=says)
 
 
 def _own_mass(value: Any) -> float:
-    if value == "cad":
-        raise ValueError(
-            'expected a mass such as "80 g", got "cad", which is for solids'
-        )
+    require(value != "cad", "", 'a mass such as "80 g"', '"cad", which is for solids')
     return q.to_si(value, q.MASS, sign="non-negative")
 
 
@@ -150,9 +152,13 @@ def _or_word(
 
 def _tolerance(value: Any) -> float:
     share = q.to_si(value, q.SHARE)
-    if not 1e-6 <= share < 1:  # below 1e-6 rounding dominates
-        what = f'a share from 1e-6 to below 1 such as "{q.SHARE.example}"'
-        raise ValueError(q.expected(what, value))
+    # below 1e-6 rounding dominates
+    require(
+        1e-6 <= share < 1,
+        "",
+        f'a share from 1e-6 to below 1 such as "{q.SHARE.example}"',
+        q.show_value(value),
+    )
     return share
 
 
@@ -160,18 +166,16 @@ def _list_of(count: int, what: str) -> BeforeValidator:
     """Return a validator of a list's length, applied before its items are validated."""
 
     def check(value: Any) -> Any:
-        if not isinstance(value, list | tuple) or len(value) != count:
-            raise ValueError(q.expected(what, value))
+        listed = isinstance(value, list | tuple) and len(value) == count
+        require(listed, "", what, q.show_value(value))
         return value
 
     return BeforeValidator(check)
 
 
 def _rising(value: tuple[float, float]) -> tuple[float, float]:
-    if not value[0] < value[1]:
-        raise ValueError(
-            f"expected a lower and a higher value, got {value[0]:g} and {value[1]:g}"
-        )
+    low, high = value
+    require(low < high, "", "a lower and a higher value", f"{low:g} and {high:g}")
     return value
 
 
@@ -184,9 +188,12 @@ def _direction(value: Any) -> Any:
     if isinstance(value, list | tuple) and len(value) == 3:
         numbers = [q.to_si(item, q.NUMBER, sign="any") for item in value]
         length = math.hypot(*numbers)
-        if not 1e-9 < length < 1e9:
-            got = f"one of length {length:g}, {q.show_value(value)}"
-            raise ValueError(f"expected a direction such as [0, 0, 1], got {got}")
+        require(
+            1e-9 < length < 1e9,
+            "",
+            "a direction such as [0, 0, 1]",
+            f"one of length {length:g}, {q.show_value(value)}",
+        )
     return value
 
 
@@ -273,6 +280,7 @@ Layers = Annotated[
 ]
 Some = Annotated[int, _whole(f"1 to {MOST_ELEMENTS}", MOST_ELEMENTS)]
 Flag = Annotated[bool, Reads(_flag, says="true or false")]
+Counted = Annotated[int, _whole("a whole number of at least 1")]
 Positive = Annotated[int, _whole("a positive whole number such as 2000000")]
 OwnMass = Annotated[float, Reads(_own_mass, says='a mass such as "1.95 kg"')]
 _MASS = _quantity(q.MASS, "non-negative")
@@ -283,6 +291,28 @@ MassOrCad = Annotated[
 
 
 class Section(BaseModel):
-    """A table of the robot file: immutable, without unknown keys."""
+    """A table of a file: immutable, without unknown keys.
+
+    What holds of several keys together stands beside them, and is checked for every section alike.
+    """
 
     model_config = ConfigDict(extra="forbid", frozen=True)
+    exactly_one: ClassVar[tuple[tuple[str, ...], ...]] = ()
+    """Groups of keys of which one is given."""
+    excludes: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    """Keys that cannot stand beside another one."""
+
+    @model_validator(mode="after")
+    def _check_together(self) -> Self:
+        there = self.model_fields_set
+        for keys in self.exactly_one:
+            got = [key for key in keys if key in there]
+            where = f"section.{[keys[0], *got][-1]}"
+            words = " and ".join(got) or "none of them"
+            require(len(got) == 1, where, f"one of {', '.join(keys)}", words)
+        for key, others in self.excludes.items():
+            for other in others if key in there else ():
+                default = type(self).model_fields[other].default
+                unsaid = other not in there or getattr(self, other) == default == 0.0
+                require(unsaid, f"section.{other}", f"none beside {key}", "one")
+        return self

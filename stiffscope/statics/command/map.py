@@ -11,7 +11,7 @@ from stiffscope.cli import options
 from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit
 from stiffscope.cli.poses import find_poses
-from stiffscope.errors import InputError
+from stiffscope.errors import naming, require
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.report.kept_pictures import draw_named_poses
 from stiffscope.report.run_report import write_map_report
@@ -102,9 +102,12 @@ def map_(
     make a volume (map.vti, for ParaView) and figures of its first, middle and last slice.
     """
     robot = load_robot(name, overrides)
-    if gravity == "literal":
-        got = "got literal, which is for single poses"
-        raise InputError(f"--gravity literal: expected none or exact for a map, {got}")
+    require(
+        gravity != "literal",
+        "--gravity literal",
+        "none or exact for a map",
+        "literal, which is for single poses",
+    )
     wanted = _read_wanted(show, direction, wrench)
     ranges = _find_ranges(robot, over)
     moving = rigid_mechanism(robot)
@@ -163,8 +166,7 @@ def _read_wanted(show: Texts, direction: str | None, wrench: str | None) -> Want
     along = load = None
     if direction is not None:
         along = _read(f"--direction {direction}", direction, [q.NUMBER] * 3)
-        if not any(along):
-            raise InputError(f"--direction {direction}: expected a direction, got none")
+        require(any(along), f"--direction {direction}", "a direction", "none")
     if wrench is not None:
         load = _read(f"--wrench {wrench}", wrench, [q.FORCE] * 3 + [q.MOMENT] * 3)
     return Wanted(show, along, load)
@@ -179,26 +181,25 @@ def _find_ranges(
     out: dict[str, tuple[float, float]] = {}
     for text in over:
         name, _, ends = (each.strip() for each in text.partition("="))
-        if name not in robot.tool.pose or name in out:
-            expected = f"expected each of {', '.join(robot.tool.pose)} at most once"
-            raise InputError(f"--over {text}: {expected}, got {name}")
+        require(
+            name in robot.tool.pose and name not in out,
+            f"--over {text}",
+            f"each of {', '.join(robot.tool.pose)} at most once",
+            name,
+        )
         kind = q.ANGLE if name.startswith("r") else q.LENGTH
         low, high = _read(f"--over {text}", ends, [kind] * 2)
-        if not low < high:
-            raise InputError(f"--over {text}: expected the lower end first, got {ends}")
+        require(low < high, f"--over {text}", "the lower end first", ends)
         out[name] = low, high
-    if len(out) not in _POINTS:
-        raise InputError(f"--over: expected two or three coordinates, got {len(out)}")
+    require(len(out) in _POINTS, "--over", "two or three coordinates", len(out))
     return out
 
 
 def _read(
     option: str, text: str, dimensions: Sequence[q.Dimension]
 ) -> tuple[float, ...]:
-    try:
+    with naming(option):
         return q.several(text, *dimensions)
-    except ValueError as error:
-        raise InputError(f"{option}: {error}") from error
 
 
 def _figures(

@@ -43,6 +43,7 @@ from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.output import write_json
 from stiffscope.runtime.workshop import workshop
 from stiffscope.statics.comparison import mass_of
+from stiffscope.vjm.statics.yielding import deflection as deflect
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -337,6 +338,25 @@ def _show_parts(now: Assembled) -> None:
             part_tables.show_compliance(now.robot, result)
 
 
+def _find_yielding(now: Assembled, state: Stiffness) -> dict[str, Any]:
+    """Return each component's share (n,) of what pushes along x, y and z together move the tool.
+
+    None where the tool is free, so that no push finds an equilibrium.
+    """
+    yielded = dict[str, Any]()
+    try:
+        for push in np.eye(6)[:3]:
+            found = deflect(now.mechanism, state.configurations, push)
+            for name, share in found.shares.items():
+                yielded[name] = yielded.get(name, 0.0) + share * found.energy
+    except InputError:
+        return {}
+    whole = sum(yielded.values(), np.zeros(len(state.configurations)))
+    if not (np.isfinite(whole) & (whole > 0.0)).all():
+        return {}
+    return {name: each / whole for name, each in yielded.items()}
+
+
 def _show_robot(now: Assembled, states: Mapping[str, Stiffness]) -> None:
     """Show the tables of the robot."""
     names = list(now.robot.poses)
@@ -345,6 +365,9 @@ def _show_robot(now: Assembled, states: Mapping[str, Stiffness]) -> None:
     tables.show_stiffness(
         names, state, bars, title=f"Stiffness at M ({tables.sources(now)})"
     )
+    shares = _find_yielding(now, state)
+    if shares:
+        tables.show_yielding(names, shares)
     if "before" in states:
         tables.show_change(
             names, states["before"].matrix, state.matrix, now.robot.source.overrides
