@@ -20,7 +20,7 @@ from stiffscope.errors import InputError
 from stiffscope.fea.geometry import centroid
 from stiffscope.fea.mass import times
 from stiffscope.fea.mesh import Floats
-from stiffscope.fea.modes import lowest_modes, ritz
+from stiffscope.fea.modes import BEYOND, count_whole, lowest_modes, ritz
 from stiffscope.fea.rigid import rigid_modes, rigid_twists
 from stiffscope.fea.settings import MOST_MODES, Settings
 from stiffscope.fea.solution import Solution, System, accelerate
@@ -110,12 +110,19 @@ class _Vibration:
         return squares, basis
 
     def clamped_modes(self, near: Floats) -> Modes:
-        """Return squares (6 + g,), clamped modes (c, 6 + g) and forces; start from ``near``."""
+        """Return squares (k,), clamped modes (c, k) and forces; start from ``near``.
+
+        At least six; equal ones stay together.
+        """
         basis = np.hstack([self.constraint, near])
         operators = self.stiffness, self.inertia, self.system.solver.precondition
         energy, kinetic = (basis.T @ operator(basis) for operator in operators[:2])
         start = basis @ ritz(energy, kinetic, FREQUENCIES + GUARD)[1]
-        return lowest_modes(*operators, start, FREQUENCIES, EXACT, exact=self.exact)
+        squares, modes, forces = lowest_modes(
+            *operators, start, FREQUENCIES + BEYOND, EXACT, exact=self.exact
+        )
+        count = count_whole(squares, FREQUENCIES)
+        return squares[:count], modes[:, :count], forces[:, :count]
 
 
 def vibration_of(levels: Solution) -> _Vibration:
@@ -171,7 +178,8 @@ def _modes(
 
     By default the ``FIXED`` lowest fixed-interface modes, completed by the clamped modes' motions
     relative to the constraint modes and made orthogonal in mass and stiffness: the condensed model
-    then contains the clamped modes exactly.
+    then contains the clamped modes exactly. Both are cut where squares have a gap: half of a round
+    part's pair would stiffen the part in one direction of its cross-section.
     """
     rng = np.random.default_rng(0)
 
@@ -180,32 +188,37 @@ def _modes(
 
     if settings.highest_frequency is not None:
         highest = (2 * np.pi * settings.highest_frequency) ** 2
-        squares, near, forces = _up_to(vibration, some, highest)
-        count = int(np.searchsorted(squares, highest))
+        count, near, forces = _up_to(vibration, some, highest)
     else:
         count = FIXED if settings.modes is None else settings.modes
-        _, near, forces = vibration.fixed_modes(some(count + GUARD), count, MODE)
-    found = vibration.clamped_modes(near)
-    clamped_squares, clamped, pulling = (part[..., :FREQUENCIES] for part in found)
+        start = some(count + GUARD)
+        squares, near, forces = vibration.fixed_modes(start, count + BEYOND, MODE)
+        count = count_whole(squares, count)
+    clamped_squares, clamped, pulling = vibration.clamped_modes(near)
     basis = near[:, :count]
     forces = forces[:, :count]
     if settings.modes is None and settings.highest_frequency is None:
         relative = clamped - vibration.constraint @ (vibration.loads.T @ clamped)
         basis = np.hstack([basis, relative])
         forces = np.hstack([forces, pulling])
-    return *vibration.orthogonal(basis, forces), clamped_squares, clamped
+    six = slice(FREQUENCIES)
+    return *vibration.orthogonal(basis, forces), clamped_squares[six], clamped[:, six]
 
 
 def _up_to(
     vibration: _Vibration, some: Callable[[int], Floats], highest: float
-) -> Modes:
-    """Return squares, modes and forces of a fixed-interface block beyond a square (rad²/s²)."""
+) -> tuple[int, Floats, Floats]:
+    """Return the number of modes below a square (rad²/s²), and a block beyond it with its forces.
+
+    Equal modes that the square divides count as below.
+    """
     count = 8
     near = some(count + GUARD)
     while True:
         squares, near, forces = vibration.fixed_modes(near, count, MODE)
-        if squares[count - 1] > highest:
-            return squares, near, forces
+        below = count_whole(squares[:count], int(np.searchsorted(squares, highest)))
+        if below < count:
+            return below, near, forces
         if count >= MOST_MODES:
             reached, wanted = np.sqrt([squares[count - 1], highest]) / (2 * np.pi)
             most = f"at most {MOST_MODES} modes below it, that is less than {reached:.4g} Hz"

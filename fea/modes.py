@@ -25,6 +25,10 @@ if TYPE_CHECKING:
 
 LIMIT = 200  # steps
 DEPENDENT = 1e-10  # relative squared length below which a direction is dependent
+# Relative gap of squares below which neighbours count as equal. Meshes split the pairs of a round
+# part by less, and which of equal modes comes first is left to rounding.
+GAP = 0.01
+BEYOND = 3  # modes beyond those wanted among which a gap is sought
 
 
 def lowest_modes(
@@ -110,3 +114,25 @@ def ritz(stiffness: Floats, mass: Floats, count: int) -> tuple[Floats, Floats]:
         (held + held.T) / 2, subset_by_index=(0, min(count, kept.sum()) - 1)
     )
     return squares, basis @ turn
+
+
+def count_whole(squares: Floats, count: int) -> int:
+    """Return the least number of modes, at least ``count``, that keeps equal modes together.
+
+    Where spectra are so dense that no gap follows, the widest of the next few is taken.
+
+    Parameters
+    ----------
+    squares
+        Ascending squared frequencies (b,), rad²/s², ``BEYOND`` or more beyond ``count``.
+    count
+        Number of modes wanted.
+    """
+    if count == 0:
+        return 0
+    near = squares[count - 1 : count + BEYOND + 1]
+    gaps = near[1:] / near[:-1] - 1
+    if not gaps.size:
+        return count
+    wide = gaps > GAP
+    return count + int(wide.argmax() if wide.any() else gaps.argmax())

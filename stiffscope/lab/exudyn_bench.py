@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     Loads = Sequence[tuple[str, Array]]
 
 _HELD = 1e-2  # of a load: force up to which a drive stays in the middle of its gap
+_IDLE = 1e-4  # the same of the robot's weight, which finite displacements turn a little
 _STEP = 1e-7  # m or rad: lost motion by which the slots' coupling is found
 _UNIT = np.array([10.0, 10.0, 10.0, 1.0, 1.0, 1.0])  # N and N·m: of stiffnesses at M
 _NOTHING = (("", np.zeros(6)),)
@@ -104,6 +105,11 @@ class ExudynBench:
         unit = 0.5 * (seen[..., :6] - seen[..., 6:]) / _UNIT
         return find_stiffness(self.machine, self.plan, unit)
 
+    def _weight(self) -> float:
+        """Return the weight of all bodies, N."""
+        mass = sum(body.mass for body in self.machine.bodies.values())
+        return mass * float(np.linalg.norm(self.machine.gravity))
+
     def _true(self, loads: Loads) -> list[tuple[str, Array]]:
         instrument = self.machine.instrument
         return [(name, true_wrench(instrument, wrench)) for name, wrench in loads]
@@ -159,9 +165,11 @@ class ExudynBench:
             unit = np.repeat([1.0, robot.model["length"]], 3)
             row = []
             for name, wrench in loads:
-                size = float(np.abs(wrench / unit).max()) if weight == 0.0 else 0.0
+                held = _IDLE * self._weight()
+                if weight == 0.0:
+                    held = _HELD * float(np.abs(wrench / unit).max())
                 self._load(robot, k, name, wrench)
-                row.append(self._settle(robot, k, slots, _HELD * size, gaps=gaps))
+                row.append(self._settle(robot, k, slots, held, gaps=gaps))
                 self._load(robot, k, name, np.zeros(6))
             out.append(row)
         return np.array(out)

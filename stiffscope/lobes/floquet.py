@@ -37,11 +37,11 @@ if TYPE_CHECKING:
 _LEAST_POINTS = 4  # of a panel, beyond those by which modes vibrate in it
 _PER_TURN = 3.0  # further points per vibration of the fastest mode that matters
 _MOST_POINTS = 60
-_BROAD = 10  # values of μ on half the circle
-_SHARP = np.array([-4.0, -1.2, 0.0, 1.2, 4.0])  # half widths of a resonance
+_BROAD = 24  # values of μ on half the circle
+_SHARP = np.array([-8.0, -3.0, -1.0, 0.0, 1.0, 3.0, 8.0])  # half widths of a resonance
 _STEEP = 10  # intervals that are refined in a round
 _PARTS = 4  # of an interval
-_LOWER = np.array([0.15, 0.4, 1.0])  # of the depth, at which steep intervals count
+_LOWER = np.geomspace(0.08, 1.0, 12)  # of the depth, at which steep intervals count
 _ROUNDS = 4
 _SAME = 2e-3  # change of a depth by finer points
 _LOW, _HIGH = 0.05, 150.0  # depths of the search, of 1 / (2 max |λ|)
@@ -50,6 +50,11 @@ _AGAIN = np.append(np.geomspace(0.1, 1.02, 24), np.geomspace(1.3, 12.0, 9))
 _HALVINGS = 8
 _POLISH = 4  # steps to the exact crossing
 _WITHIN = 0.1  # relative change of the depth by polishing, at most
+_NEAR = 0.5  # the same from a guess
+_SETTLED = 1e-6  # imaginary part of 1/b, relative
+_BELOW = np.append(np.geomspace(0.08, 0.8, 11), 0.985)  # of a limit: stable depths
+_ABOVE = 1.015  # of a limit: depth that must be unstable
+_BESIDE = np.array([-0.1, -0.03, -0.01, 0.0, 0.01, 0.03, 0.1])  # rad
 _STEP = 1e-5  # relative, of derivatives by frequency and damping
 _CHUNK = 48  # pairs of pose and speed at a time
 _ALIKE = 0.7  # vibrations in a tooth period, of the most in a chunk
@@ -178,7 +183,11 @@ def interrupted_depths(
 
 
 def interrupted_limits(
-    response: ToolResponse, cut: Engagement, speeds: Array, scale: Array
+    response: ToolResponse,
+    cut: Engagement,
+    speeds: Array,
+    scale: Array,
+    near: tuple[Array, Array] | None = None,
 ) -> Limits:
     """Return the limits with all harmonics at n poses, infinite if beyond the search.
 
@@ -194,11 +203,18 @@ def interrupted_limits(
         Spindle speed (n,) at each pose, rev/s.
     scale
         Depth (n,), m, of which 0.05 to 150 times are searched, as of `depth_scale`.
+    near
+        Depths (n, k), m, and frequencies (n, k) of chatter, rad/s, near which limits may lie, such
+        as those at neighbouring speeds. A limit there counts if all below it is stable; the whole
+        range is searched otherwise.
     """
     parts = list[Limits]()
     order = list[np.ndarray]()
     for some in _group_alike(response, cut, speeds):
-        parts.append(_find_limits(response[some], cut, speeds[some], scale[some]))
+        hints = None if near is None else (near[0][some], near[1][some])
+        parts.append(
+            _find_limits(response[some], cut, speeds[some], scale[some], hints)
+        )
         order.append(some)
     return join_limits(parts)[np.argsort(np.concatenate(order), kind="stable")]
 
@@ -218,10 +234,23 @@ def _group_alike(
 
 
 def _find_limits(
-    response: ToolResponse, cut: Engagement, speeds: Array, scale: Array
+    response: ToolResponse,
+    cut: Engagement,
+    speeds: Array,
+    scale: Array,
+    near: tuple[Array, Array] | None,
 ) -> Limits:
     loop = _form_loop(response, cut, speeds)
-    depth, angle, size = _search_depth(loop, response, scale)
+    guess = np.full(len(speeds), np.inf)
+    turn = np.ones(len(speeds))
+    if near is not None:
+        guess, turn = _approach(loop, response, near)
+    far = np.flatnonzero(np.isinf(guess))
+    size = np.where(np.isfinite(scale), scale, 1.0)
+    depth = guess / size
+    angle = turn.copy()
+    if far.size:
+        depth[far], angle[far], _ = _search_depth(loop[far], response[far], scale[far])
     found = np.isfinite(depth)
     value, angle, right, left = _polish(
         loop, size, np.where(found, depth, 1.0), np.where(found, angle, 1.0)
@@ -235,6 +264,50 @@ def _find_limits(
         angle=angle,
         vectors=(left, right),
     )
+
+
+def _approach(
+    loop: Loop, response: ToolResponse, near: tuple[Array, Array]
+) -> tuple[Array, Array]:
+    """Return the limit (p,), m, next to one of the guesses, and its angle; infinite if none is.
+
+    No multiplier is outside the circle at four depths up to it, and some is beyond it.
+    """
+    pairs = np.arange(len(loop.delay))
+    depth = np.full((len(pairs), near[0].shape[1]), np.inf)
+    angle = np.ones(depth.shape)
+    one = np.ones(len(pairs))
+    for k in range(depth.shape[1]):
+        start = near[0][:, k]
+        known = np.isfinite(start)
+        turns = np.mod(near[1][:, k] * loop.delay, 2.0 * np.pi)
+        turns = np.where(turns > np.pi, 2.0 * np.pi - turns, turns)
+        with np.errstate(invalid="ignore", over="ignore"):
+            value, angle[:, k], *_ = _polish(
+                loop, one, np.where(known, start, 1.0), turns, within=_NEAR
+            )
+            settled = np.abs(value.imag) < _SETTLED * np.abs(value.real)
+        settled &= known & (value.real > 0.0) & (np.abs(value) < np.inf)
+        depth[settled, k] = 1.0 / value.real[settled]
+    best = depth.argmin(axis=1)
+    least = depth[pairs, best]
+    there = angle[pairs, best]
+    some = np.flatnonzero(np.isfinite(least))
+    if not some.size:
+        return least, there
+    part = loop[some]
+    scale = least[some]
+    beside = (there[some, None] + _BESIDE).clip(0.0, np.pi)
+    theta = np.concatenate([_angles(part, response[some]), beside], axis=1)
+    theta = np.sort(theta, axis=1)
+    polynomial = _characteristic(part, theta, scale)
+    ones = np.ones(len(some))
+    theta, polynomial = _refine(part, theta, polynomial, ones, scale)
+    around = np.broadcast_to([*_BELOW, _ABOVE], (len(some), len(_BELOW) + 1))
+    count = _count_unstable(_determinants(polynomial, around))
+    certain = (count[:, :-1] == 0).all(axis=1) & (count[:, -1] > 0)
+    least[some[~certain]] = np.inf
+    return least, there
 
 
 def _search_depth(
@@ -578,7 +651,7 @@ def _bracket(polynomial: Complex, theta: Array, trials: Array) -> tuple[Array, A
 
 
 def _polish(
-    loop: Loop, scale: Array, depth: Array, angle: Array
+    loop: Loop, scale: Array, depth: Array, angle: Array, within: float = _WITHIN
 ) -> tuple[Complex, Array, Complex, Complex]:
     """Return the real eigenvalue 1/b (p,), 1/m, its angle (p,) and its vectors (p, a).
 
@@ -594,7 +667,8 @@ def _polish(
     for _ in range(_POLISH):
         matrix = loop.matrix(here[:, None])[:, 0]
         # dominated by the product of both vectors next to an eigenvalue
-        away = matrix - (value * (1.0 + 1e-9))[:, None, None] * identity
+        least = 1e-15 * np.abs(matrix).max(axis=(1, 2)) + 1e-300
+        away = matrix - (value * (1.0 + 1e-9) + least)[:, None, None] * identity
         inverse = np.linalg.inv(away)
         size = np.abs(inverse)
         right = inverse[pairs, :, size.max(axis=1).argmax(axis=1)]
@@ -607,7 +681,7 @@ def _polish(
         step = step.clip(-0.3, 0.3)
         here = (here + step).clip(0.0, np.pi)
         value = value + rate * step
-    near = np.abs(value.real / begin - 1.0) < _WITHIN
+    near = np.abs(value.real / begin - 1.0) < within
     return np.where(near, value, begin), np.where(near, here, angle), right, left
 
 
@@ -653,6 +727,8 @@ def _describe(
         slope=slope,
         by_rate=by_rate * share / _STEP,
         by_damping=by_damping * share / _STEP,
+        # terms are τ² times functions of the poles by τ
+        by_speed=-(share * (by_rate / _STEP + 2.0 * terms)).sum(axis=1),
     )
 
 

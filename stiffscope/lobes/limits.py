@@ -32,6 +32,8 @@ class Limits:
         Ratio (…,) of real and imaginary part of the change of ln λ with the frequency.
     by_rate, by_damping
         g (…, m) by ln ω_k and ln ζ_k.
+    by_speed
+        g (…,) by the logarithm of the speed.
     """
 
     depth: Array
@@ -41,6 +43,7 @@ class Limits:
     slope: Array
     by_rate: Complex
     by_damping: Complex
+    by_speed: Complex
 
     def __len__(self) -> int:
         """Return the length of the first axis."""

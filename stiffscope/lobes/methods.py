@@ -10,6 +10,7 @@ import numpy as np
 from stiffscope.lobes.floquet import interrupted_depths, interrupted_limits
 from stiffscope.lobes.limits import Limits
 from stiffscope.lobes.zero_order import depth_scale, find_critical, zero_order_limits
+from stiffscope.runtime.threads import in_one_thread
 
 if TYPE_CHECKING:
     from stiffscope.lobes.engagement import Engagement
@@ -24,10 +25,14 @@ _MOST = 240
 _ZOOMS = 2
 _SPLITS = 4  # speeds in each
 _STRIDE = 16  # speeds between those of a sweep that are always solved
-_SMOOTH = 3e-3  # misfit of ln(depth) from a line, up to which speeds are interpolated
+_SMOOTH = 1e-2  # misfit of ln(depth) from a cubic; cubics on both halves are far closer
+_TURN = 0.02  # the same of ln(depth) by its slope at the middle, over the interval
+_STRAIGHT = 1e-2  # relative misfit of the frequency of chatter from a line
+_FARTHEST = 1.0  # change of ln(depth) from a neighbouring speed in a guess
 _SAME_LOBE = 0.1  # relative change of the frequency of chatter
 
 
+@in_one_thread
 def limits_at(
     response: ToolResponse, cut: Engagement, speeds: Array, method: Method
 ) -> Limits:
@@ -52,13 +57,14 @@ def limits_at(
     return found.reshape(*speeds.shape)
 
 
+@in_one_thread
 def sweep_limits(
     response: ToolResponse, cut: Engagement, speeds: Array, method: Method
 ) -> Limits:
     """Return the limits (n, s) of n poses at ascending spindle speeds (s,), rev/s.
 
     With all harmonics speeds are interpolated where the limit varies smoothly: intervals are
-    halved until their middle lies on a straight line.
+    halved until their middle lies on the cubic that depths and slopes at both ends give.
     """
     count = len(speeds)
     if method == "zero-order" or count <= 2 * _STRIDE:
@@ -76,7 +82,7 @@ def sweep_limits(
         wide = high - low > 1
         pose, low, high = pose[wide], low[wide], high[wide]
         middle = (low + high) // 2
-        whole.solve(pose, middle)
+        whole.solve(pose, middle, (low, high))
         smooth = whole.is_smooth(pose, low, middle, high)
         whole.interpolate(pose[smooth], low[smooth], middle[smooth])
         whole.interpolate(pose[smooth], middle[smooth], high[smooth])
@@ -109,42 +115,104 @@ class _Sweep:
             slope=one.copy(),
             by_rate=each.astype(complex),
             by_damping=each.astype(complex),
+            by_speed=one.astype(complex),
         )
 
-    def solve(self, pose: Indices, place: Indices) -> None:
-        """Compute the limits of some pairs of pose and speed."""
+    def solve(
+        self,
+        pose: Indices,
+        place: Indices,
+        between: tuple[Indices, Indices] | None = None,
+    ) -> None:
+        """Compute the limits of some pairs of pose and speed, between places that are known."""
         if not len(pose):
             return
         speeds = self.speeds[place]
+        near = None
+        if between is not None:
+            near = self._guess(pose, place, *between)
         some = interrupted_limits(
-            self.response[pose], self.cut, speeds, self.scale[pose]
+            self.response[pose], self.cut, speeds, self.scale[pose], near
         )
         for field in fields(Limits):
             getattr(self.limits, field.name)[pose, place] = getattr(some, field.name)
 
+    def _guess(
+        self, pose: Indices, place: Indices, low: Indices, high: Indices
+    ) -> tuple[Array, Array]:
+        """Return depths and frequencies (n, 2) that follow from both ends."""
+        depth = list[np.ndarray]()
+        omega = list[np.ndarray]()
+        for end in (low, high):
+            way = np.log(self.speeds[place] / self.speeds[end])
+            change = (self._rise(pose, end) * way).clip(-_FARTHEST, _FARTHEST)
+            depth.append(self.limits.depth[pose, end] * np.exp(change))
+            omega.append(self.limits.omega[pose, end])
+        alike = np.abs(omega[1] / omega[0] - 1.0) < _SAME_LOBE
+        span = self.speeds[high] - self.speeds[low]
+        share = (self.speeds[place] - self.speeds[low]) / span
+        between = omega[0] + share * (omega[1] - omega[0])
+        omega = [np.where(alike, between, each) for each in omega]
+        return np.stack(depth, axis=1), np.stack(omega, axis=1)
+
+    def _rise(self, pose: Indices, place: Indices) -> Array:
+        """Return d ln depth / d ln speed (n,)."""
+        slope = self.limits.slope[pose, place]
+        change = self.limits.by_speed[pose, place]
+        return slope * change.imag - change.real
+
+    def _between(
+        self, pose: Indices, place: Indices, low: Indices, high: Indices
+    ) -> Array:
+        """Return ln(depth) (n,) of the cubic by depths and slopes at both ends."""
+        width = np.log(self.speeds[high] / self.speeds[low])
+        share = np.log(self.speeds[place] / self.speeds[low]) / width
+        rest = 1.0 - share
+        begin = np.log(self.limits.depth[pose, low])
+        end = np.log(self.limits.depth[pose, high])
+        inner = share * rest**2 * self._rise(pose, low)
+        inner -= share**2 * rest * self._rise(pose, high)
+        with np.errstate(invalid="ignore"):
+            ends = begin * rest**2 * (1.0 + 2.0 * share)
+            ends = ends + end * share**2 * (1.0 + 2.0 * rest)
+        return ends + inner * width
+
+    def _slope_between(
+        self, pose: Indices, place: Indices, low: Indices, high: Indices
+    ) -> Array:
+        """Return the change (n,) of ln(depth) over the interval by the cubic's slope at a place."""
+        width = np.log(self.speeds[high] / self.speeds[low])
+        share = np.log(self.speeds[place] / self.speeds[low]) / width
+        with np.errstate(invalid="ignore"):
+            step = np.log(self.limits.depth[pose, high] / self.limits.depth[pose, low])
+        begin = self._rise(pose, low) * (1.0 - share) * (1.0 - 3.0 * share)
+        end = self._rise(pose, high) * share * (3.0 * share - 2.0)
+        return 6.0 * share * (1.0 - share) * step + width * (begin + end)
+
     def is_smooth(
         self, pose: Indices, low: Indices, middle: Indices, high: Indices
     ) -> Flags:
-        """Return whether the middle lies on the line between both ends."""
+        """Return whether the middle and its slope lie on the cubic between both ends."""
         at = self.speeds
         share = (at[middle] - at[low]) / (at[high] - at[low])
         depth = self.limits.depth
         with np.errstate(invalid="ignore", divide="ignore"):
-            begin = np.log(depth[pose, low])
-            end = np.log(depth[pose, high])
-            apart = np.log(depth[pose, middle]) - begin - share * (end - begin)
+            apart = np.log(depth[pose, middle]) - self._between(pose, middle, low, high)
+            turn = self._rise(pose, middle) * np.log(at[high] / at[low])
+            turn = turn - self._slope_between(pose, middle, low, high)
         endless = np.isinf(depth[pose, low]) & np.isinf(depth[pose, high])
         endless &= np.isinf(depth[pose, middle])
         # two lobes that meet within differ in the frequency of chatter
         omega = self.limits.omega
         begin = omega[pose, low]
         between = begin + share * (omega[pose, high] - begin)
-        alike = np.abs(omega[pose, middle] / between - 1.0) < _SMOOTH
+        alike = np.abs(omega[pose, middle] / between - 1.0) < _STRAIGHT
         alike &= np.abs(omega[pose, high] / begin - 1.0) < _SAME_LOBE
-        return endless | (alike & (np.abs(apart) < _SMOOTH))
+        smooth = (np.abs(apart) < _SMOOTH) & (np.abs(turn) < _TURN)
+        return endless | (alike & smooth)
 
     def interpolate(self, pose: Indices, low: Indices, high: Indices) -> None:
-        """Fill the speeds between two that are known, linearly; depths by their logarithm."""
+        """Fill the speeds between two that are known, linearly; depths by the cubic."""
         for step in range(1, _STRIDE):
             some = low + step < high
             if not some.any():
@@ -159,14 +227,14 @@ class _Sweep:
                 weight = share.reshape(-1, *[1] * (values.ndim - 2))
                 if field.name == "depth":
                     endless = np.isinf(values[begin])  # and so is the end
-                    ratio = np.where(endless, 1.0, values[end])
-                    ratio = ratio / np.where(endless, 1.0, values[begin])
-                    values[where] = values[begin] * ratio**weight
+                    some_depth = np.exp(self._between(*where, begin[1], end[1]))
+                    values[where] = np.where(endless, np.inf, some_depth)
                 else:
                     values[where] = (1.0 - weight) * values[begin]
                     values[where] += weight * values[end]
 
 
+@in_one_thread
 def worst_limits(
     response: ToolResponse,
     cut: Engagement,

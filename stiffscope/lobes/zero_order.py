@@ -169,6 +169,10 @@ def _describe(
     damping = response.damping[:, None]
     at = omega[..., None]
     total = np.abs(terms.real).sum(axis=-1, keepdims=True)
+    wave = np.exp(-1j * omega * delay)
+    apart = 1.0 - wave
+    # d ln(1 - exp(-iωτ)) by ln(1/τ)
+    by_speed = -1j * omega * delay * wave / np.where(apart != 0.0, apart, 1.0)
     return Limits(
         depth=depth,
         speed=1.0 / (cut.teeth * delay),
@@ -177,6 +181,7 @@ def _describe(
         slope=_find_slope(response, cut, omega, delay),
         by_rate=-2.0 * rates * (rates + 1j * damping * at) * modal * share,
         by_damping=-2j * damping * rates * at * modal * share,
+        by_speed=by_speed,
     )
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from stiffscope.fea.beam import timoshenko
+from stiffscope.fea.modes import count_whole
 from stiffscope.vjm.model.dynamics import Dynamics
 from stiffscope.vjm.model.screws import shift
 
@@ -38,7 +39,7 @@ def beam_dynamics(
     youngs_modulus, shear_modulus, density
         Pa, Pa, kg/m³.
     modes
-        Number of fixed-interface modes.
+        Number of fixed-interface modes, at least: pairs of a round beam stay whole.
 
     Returns
     -------
@@ -71,7 +72,10 @@ def beam_dynamics(
     follow[ends] = np.eye(12)
     follow[inner] = -np.linalg.solve(k[np.ix_(inner, inner)], k[np.ix_(inner, ends)])
     own = (a[np.ix_(inner, inner)] for a in (k, m))
-    squares, shapes = eigh(*own, subset_by_index=[0, modes - 1])
+    squares, shapes = eigh(*own)
+    modes = count_whole(squares, modes)
+    squares = squares[:modes]
+    shapes = shapes[:, :modes]
     modal = np.zeros((size, modes))
     modal[inner] = shapes
     basis = np.hstack([follow, modal])

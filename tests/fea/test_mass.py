@@ -18,7 +18,7 @@ from stiffscope.fea.dynamics import compute_dynamics, vibration_of
 from stiffscope.fea.experiment import load_experiment
 from stiffscope.fea.export import free_superelement
 from stiffscope.fea.mass import Mass, rigid_mass, times
-from stiffscope.fea.modes import lowest_modes, ritz
+from stiffscope.fea.modes import count_whole, lowest_modes, ritz
 from stiffscope.fea.rigid import rigid_twists
 from stiffscope.fea.run import run_experiment
 from stiffscope.fea.settings import Settings
@@ -261,6 +261,13 @@ def test_the_condensed_model_has_the_clamped_frequencies(plate, link):
         assert (
             np.linalg.eigvalsh(experiment.condensed_mass / experiment.mass) > 0
         ).all()
+
+
+def test_modes_are_cut_at_a_gap():
+    pairs = np.array([1.0, 1.0, 2.0, 3.0, 3.001, 7.0, 7.0, 7.0, 7.001, 9.0])
+    assert [count_whole(pairs, k) for k in range(7)] == [0, 2, 2, 3, 5, 5, 9]
+    dense = np.array([1.0, 1.001, 1.002, 1.005, 1.006, 1.007])
+    assert count_whole(dense, 1) == 3
 
 
 @pytest.fixture(scope="module")

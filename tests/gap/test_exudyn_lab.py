@@ -16,7 +16,7 @@ from stiffscope.lab.blind.laboratory import Lab, blind_robots
 from stiffscope.lab.closure import locate
 from stiffscope.lab.faults import inject
 from stiffscope.lab.machine import NoEquilibriumError, machine_of
-from stiffscope.lab.measuring import Plan, true_readings
+from stiffscope.lab.measuring import RECORDED, Plan, true_readings
 from stiffscope.robot.reader import load_robot, read_robot
 from stiffscope.runtime.workshop import workshop
 from tests.labs import GUIDES
@@ -116,3 +116,22 @@ def test_a_machine_without_equilibrium_is_drawn_again_and_told(monkeypatch, tmp_
     monkeypatch.setattr(check, "write_case", never)
     with pytest.raises(InputError, match="robot/campaign-007: expected a machine with"):
         check._measure(tmp_path, Task("robot", 7, 3), None)
+
+
+def test_a_drive_that_no_weight_turns_stays_in_the_middle_of_its_gap():
+    # the drives of the five-bar stand upright: finite displacements alone load them, by 1e-5 N·m
+    with workshop() as shop:
+        robots = blind_robots([load_robot("five-bar")], None, shop)
+    lab = Lab(robots[0], poses=24)
+    machine, plan, located, _ = prepare_case(BlindCase("none", 1), 0, lab)
+    plan = replace(plan, poses=plan.poses[:POSES], deviations=True)
+    loose = inject(machine, "backlash", "left.motor", {"half_width": 2e-5})
+    located = located.some(range(POSES))
+    sound, played = (
+        true_readings(each, plan, located, mechanics="exudyn")
+        for each in (machine, loose)
+    )
+    still = np.array([not RECORDED[kind].is_loaded for kind in sound.kind])
+    assert still.any()
+    assert played.value[still] == pytest.approx(sound.value[still], abs=1e-9)
+    assert np.abs(played.value - sound.value)[~still].max() > 1e-6

@@ -207,8 +207,7 @@ def test_study_and_path_have_the_same_critical_depth(tmp_path, arm):
     assert len(depth) == len(job.path)
     (tmp_path / "study.toml").write_text(STUDY)
     table = study(tmp_path / "study.toml").table
-    # modes of a round body come in pairs; of the last, rounding chooses which half is kept
-    assert float(table["depth [m]"].iloc[0]) == pytest.approx(depth.min(), rel=1e-3)
+    assert float(table["depth [m]"].iloc[0]) == pytest.approx(depth.min(), rel=1e-9)
 
 
 def test_live_shows_the_stable_depth(arm):

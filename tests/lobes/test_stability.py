@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import brentq
 
+from stiffscope.lobes import floquet
 from stiffscope.lobes.bands import relative_error
 from stiffscope.lobes.engagement import milling, one_direction, turning
 from stiffscope.lobes.floquet import is_stable
@@ -362,3 +363,41 @@ def test_a_sweep_is_what_each_speed_gives():
     assert swept.depth == pytest.approx(alone.depth, rel=5e-3)
     found = worst_limits(response, cut, (60.0, 300.0), "all-harmonics")
     assert found.depth[0] == pytest.approx(alone.depth.min(), rel=2e-3)
+
+
+@pytest.mark.parametrize("method", ["zero-order", "all-harmonics"])
+def test_the_slope_of_the_lobes_is_that_of_their_limits(method):
+    cut = milling(diameter=10e-3, stiffness=7e8, **CUTS["interrupted"])
+    response = flexible(np.random.default_rng(2))
+    speeds = np.array([70.0, 120.0, 210.0])
+    step = 1e-4
+    found = limits_at(response, cut, speeds, method)
+    beside = [
+        limits_at(response, cut, speeds * np.exp(sign * step), method).depth
+        for sign in (1.0, -1.0)
+    ]
+    slope = np.log(beside[0] / beside[1]) / (2.0 * step)
+    assert found.relative_change(found.by_speed) == pytest.approx(slope, rel=1e-2)
+
+
+def test_narrow_islands_of_instability_are_found():
+    # a serial arm's modes; against a circle of multipliers so dense that none is passed over
+    response = machine(
+        [18.7, 24.9, 32.2, 112.9, 173.1, 212.4],
+        0.03,
+        [
+            [-0.066, 0.286, -0.429, -0.293, 0.663, 0.703],
+            [0.08, 0.496, 0.246, 0.379, 0.709, 0.378],
+            [0.0] * 6,
+        ],
+    )
+    cut = milling(teeth=2, width=2e-3, diameter=10e-3, stiffness=7e8)
+    speed = np.array([292.0])
+    found = limits_at(response, cut, speed, "all-harmonics").depth[0]
+    loop = floquet._form_loop(response, cut, speed)
+    theta = np.linspace(0.0, np.pi, 3000)[None]
+    polynomial = floquet._characteristic(loop, theta, found)
+    # the lower edge of the island may be off by a sixth; without it the depth is six times as large
+    below = np.arange(0.02, 0.84, 0.01)[None]
+    unstable = floquet._count_unstable(floquet._determinants(polynomial, below)) > 0
+    assert not unstable.any()

@@ -55,3 +55,24 @@ def test_a_part_without_a_mass_or_with_a_published_matrix_has_no_condensed_mass(
     assert part_matrices(robot, "published")["link"].dynamics is None
     given = mechanism_of(robot, part_matrices(robot, "published"))
     assert given.body("limb1.link1").elastic.dynamics is None
+
+
+@pytest.mark.parametrize("angle", [0.4, 1.1])
+def test_a_round_part_may_be_turned_about_its_axis(angle, tmp_path):
+    """Modes of a round part come in pairs; half of one would stiffen it in one direction."""
+    text = load_robot("serial-arm").source.text
+    along = np.deg2rad(70.0)
+    side = np.array([-np.sin(along), 0.0, np.cos(along)])
+    across = np.cos(angle) * np.array([0.0, 1.0, 0.0]) + np.sin(angle) * side
+    ends = 'tip  = ["= x_E", 0, "= z_E"]\n'
+    assert ends + "y    = [0, 1, 0]" in text
+    turned = tmp_path / "turned.toml"
+    turned.write_text(
+        text.replace(ends + "y    = [0, 1, 0]", f"{ends}y = {across.tolist()}")
+    )
+    found = []
+    for name in ("serial-arm", turned):
+        robot = load_robot(name)
+        mechanism = mechanism_of(robot, part_matrices(robot, "beam"))
+        found.append(frequencies(mechanism, [mechanism.tool.home], 12))
+    assert found[1] == pytest.approx(found[0], rel=1e-9)
