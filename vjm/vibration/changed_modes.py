@@ -23,7 +23,6 @@ from stiffscope.errors import InputError
 from stiffscope.vjm.model.screws import shift
 from stiffscope.vjm.network.condensation import condense_network
 from stiffscope.vjm.network.loading import Loads
-from stiffscope.vjm.network.network import END
 from stiffscope.vjm.network.order import find_order
 from stiffscope.vjm.statics.equilibrium import solve_condensed
 
@@ -216,7 +215,6 @@ class ChangedModes:
 
     def terminal(self, node: str, at: Array) -> Terminal:
         """Return what moves a node's home point."""
-        node = END if node is None else node
         return Terminal(
             self.sound.displace(node, at), self.sound.dislocate(self.names, node, at)
         )
@@ -265,7 +263,7 @@ class ChangedModes:
         each = [np.zeros((basis.shape[1], 0))]
         each += [basis.T @ sound.move_masses(name) for name in self.names]
         cuts = np.hstack(each)
-        signs = [np.ones(basis.shape[1])]
+        signs: list[Array] = [np.ones(basis.shape[1])]
         for added, (turn, sign) in zip(self.inertias, self._turned, strict=True):
             here = self.terminal(added.node, added.at)
             modal = np.vstack([modal, turn @ here.modal])
@@ -305,7 +303,7 @@ class ChangedModes:
         """Eigenvalues (k,) and vectors (k, k) of E."""
         return np.linalg.eigh(self._yield)
 
-    @cached_property
+    @property
     def static(self) -> Array:
         """Flexibilities (k,) of the static part; what the modes have is taken off."""
         return np.concatenate(
@@ -337,8 +335,7 @@ class ChangedModes:
         across = sound.resist([name], self.names) @ self._yield
         forces: list[Array] = []
         for node, at, wrench in points:
-            node_name = END if node is None else node
-            own = sound.dislocate([name], node_name, at).T @ wrench
+            own = sound.dislocate([name], node, at).T @ wrench
             forces.append(own + across @ (self.terminal(node, at).cuts.T @ wrench))
         loads, signs = self._masses
         basis = np.hstack([sound.rates, self._beyond])

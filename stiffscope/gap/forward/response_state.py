@@ -508,7 +508,7 @@ class ResponseState:
         """Flexibility (3p, p) of all that has no resonance here, and what is multiplied by s²."""
         still, moved = self._functionals
         p = len(self.ends)
-        far = np.setdiff1d(np.arange(moved.shape[1]), self._near)
+        far = np.setdiff1d(np.arange(len(self.modes.mass)), self._near)
         flexible = 1.0 / self.modes.stiffness[far]
         static = (still * self.modes.static) @ still[:p].T
         static = static + (moved[:, far] * flexible) @ moved[:p, far].T

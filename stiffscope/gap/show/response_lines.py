@@ -29,7 +29,10 @@ def draw_lines(name: str, setup: SetupModes) -> Figure | None:
         return None
     columns = min(COLUMNS, len(lines))
     bands = -(-len(lines) // columns)
-    title = f"{name}: measured (grey), nominal (dashed), with the effects found"
+    title = (
+        f"{name}, m/N: measured (grey), nominal (dashed), with the effects found; "
+        "below, their distance from the measured in standard deviations"
+    )
     figure = new_figure(3.1 * columns, 2.7 * bands + 0.5, title)
     panels = figure.subplots(
         2 * bands,
