@@ -277,7 +277,8 @@ def coordinate(table: Table, header: Header, name: str) -> Array:
     values = numbers(table, name, expected=f"a finite number of {unit}")
     values = values * _factor(table, header, name, *dimensions)
     _check_most(table, name, values, dimensions[0])
-    return np.round(values, 12)
+    with np.errstate(over="ignore"):  # what is too large is noted above
+        return np.round(values, 12)
 
 
 def component(table: Table, header: Header, name: str) -> Array:
