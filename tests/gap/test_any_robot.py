@@ -51,10 +51,8 @@ def resized(robot, length, stiffness):
     weight = length * stiffness  # weighs as much more as it deflects in proportion
 
     def move(dynamics):
-        twists = np.sqrt(weight) * np.tile(
-            np.repeat([1.0, length], 3), len(dynamics.mass) // 6
-        )
-        twists[12:] = 1.0  # of own modes, of a modal mass of one
+        twists = np.ones(len(dynamics.mass))  # of own modes, of a modal mass of one
+        twists[:12] = np.sqrt(weight) * np.tile(np.repeat([1.0, length], 3), 2)
         mass = dynamics.mass * np.outer(twists, twists)
         squares = dynamics.squares * stiffness / weight
         return replace(dynamics, mass=mass, squares=squares)
