@@ -30,6 +30,7 @@ from stiffscope.vjm.statics.singularity import is_ill_conditioned
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from stiffscope.vjm.model.mechanism import Mechanism
     from stiffscope.vjm.model.screws import Array
     from stiffscope.vjm.network.condensation import Condensed
     from stiffscope.vjm.network.loading import ElementState, Wanted
@@ -215,6 +216,24 @@ def solve_condensed(
         tool = _solve_tool(tool_stiffness(state), load.force(END))
     ends = {GROUND: np.zeros((1, 6, loads.cases)), END: tool}
     return recover_response(state, load, Response(state.where, ends, wanted=wanted))
+
+
+def solve_dislocations(state: Condensed, mechanism: Mechanism, name: str) -> Response:
+    """Return the response to unit twists, own axes, of an element's ends from the first.
+
+    Parameters
+    ----------
+    state
+        The condensed network.
+    mechanism
+        Its mechanism.
+    name
+        A joint or a body of m + 1 ends: 6m cases.
+    """
+    rows = mechanism.rows(name)
+    unit: Array = np.eye(6 * len(rows)).reshape(len(rows), 1, 6, -1)
+    slips = Loads(6 * len(rows), {}, dict(zip(rows, unit, strict=True)))
+    return solve_condensed(state, slips)
 
 
 def _solve_tool(stiffness: Array, wrench: Array) -> Array:

@@ -22,9 +22,8 @@ import numpy as np
 from stiffscope.errors import InputError
 from stiffscope.vjm.model.screws import shift
 from stiffscope.vjm.network.condensation import condense_network
-from stiffscope.vjm.network.loading import Loads
 from stiffscope.vjm.network.order import find_order
-from stiffscope.vjm.statics.equilibrium import solve_condensed
+from stiffscope.vjm.statics.equilibrium import solve_dislocations
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -111,10 +110,8 @@ class SoundModes:
     def cut(self, name: str) -> Response:
         """Return the static response to unit twists, own axes, of an element's ends from the first."""
         if name not in self._cuts:
-            rows = self.modal.mechanism.rows(name)
-            unit: Array = np.eye(6 * len(rows)).reshape(len(rows), 1, 6, -1)
-            slips = Loads(6 * len(rows), {}, dict(zip(rows, unit, strict=True)))
-            self._cuts[name] = solve_condensed(self._condensed, slips)
+            mechanism = self.modal.mechanism
+            self._cuts[name] = solve_dislocations(self._condensed, mechanism, name)
         return self._cuts[name]
 
     @cached_property

@@ -80,18 +80,18 @@ def find_motion_rates(readings: RobotReadings) -> MotionRates:
 
     for each in state.element_states:
         element = each.element
+        across = readings.at_loads(each.across)
         carried = readings.at_loads(each.carried)
         arm = lever(places.point(element.bearer, element.at))
         shift = np.zeros((len(pose), 3))
         turns: list[tuple[str, Array]] = []
-        for carrier, across in _split_by_carrier(each, readings):
-            along, about = _turn_frame(across, carried)
+        for carrier, part in _split_by_carrier(each, readings, across):
+            along, about = _turn_frame(part, carried)
             shift = shift + along
             turns.append((carrier, about - cross(arm, along)))
         axes[element.name] = AxisRates(element.bearer, shift, tuple(turns))
         add(element.bearer, np.hstack([shift, cross(arm, shift)]))
         if element.joint is None and element.factor.shape[1]:
-            across = readings.at_loads(each.across)
             bent = _bend_frame(readings, element, across, carried, arm)
             turns = [*turns, (element.second, bent), (element.first, -bent)]
         for carrier, about in turns:
@@ -105,7 +105,7 @@ def find_motion_rates(readings: RobotReadings) -> MotionRates:
 
 
 def _split_by_carrier(
-    state: ElementState, readings: RobotReadings
+    state: ElementState, readings: RobotReadings, across: Pair
 ) -> Iterator[tuple[str, Pair]]:
     """Yield parts of the twists across an element by the node in whose axes they are constant.
 
@@ -114,10 +114,11 @@ def _split_by_carrier(
     element = state.element
     late = find_late_motion(state)
     if late is None:
-        yield element.carrier, readings.at_loads(state.across)
+        yield element.carrier, across
         return
-    yield element.second, readings.at_loads(late)
-    yield element.carrier, readings.at_loads(state.across - late)
+    part = readings.at_loads(late)
+    yield element.second, part
+    yield element.carrier, (across[0] - part[0], across[1] - part[1])
 
 
 def _bend_frame(
@@ -159,13 +160,11 @@ def find_late_motion(state: ElementState) -> Array | None:
 
 def _turn_frame(across: Pair, carried: Pair) -> Pair:
     """Return the derivatives (n, 3) and (n, 3) by the twist of an element's frame."""
-    along: Array = np.zeros(0)
-    about: Array = np.zeros(0)
+    along = np.zeros((len(across[0]), 3))
+    about = np.zeros((len(across[0]), 3))
     for twist, wrench in ((across[1], carried[0]), (across[0], carried[1])):
         shift, turn = np.split(twist, 2, axis=1)
         force, moment = np.split(wrench, 2, axis=1)
-        by_shift = cross(turn, force)
-        by_turn = cross(shift, force) + cross(turn, moment)
-        along = along + by_shift if along.size else by_shift
-        about = about + by_turn if about.size else by_turn
+        along += cross(turn, force)
+        about += cross(shift, force) + cross(turn, moment)
     return along, about

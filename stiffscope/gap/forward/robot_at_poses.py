@@ -42,7 +42,11 @@ from stiffscope.vjm.network.network import (
 )
 from stiffscope.vjm.network.order import find_order
 from stiffscope.vjm.statics.analysis import stiffness
-from stiffscope.vjm.statics.equilibrium import solve_condensed, solve_loads
+from stiffscope.vjm.statics.equilibrium import (
+    solve_condensed,
+    solve_dislocations,
+    solve_loads,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -102,10 +106,9 @@ class RobotAtPoses:
         if name not in self._cuts:
             while len(self._cuts) >= self._most_cuts:
                 del self._cuts[next(iter(self._cuts))]
-            rows = self.mechanism.rows(name)
-            unit: Array = np.eye(6 * len(rows)).reshape(len(rows), 1, 6, -1)
-            slips = Loads(6 * len(rows), {}, dict(zip(rows, unit, strict=True)))
-            self._cuts[name] = solve_condensed(self._condensed_network, slips)
+            self._cuts[name] = solve_dislocations(
+                self._condensed_network, self.mechanism, name
+            )
         return self._cuts[name]
 
     @cached_property

@@ -55,14 +55,8 @@ def wrenches_at(where: Places, node: str, home: Sequence[float] | Array) -> Arra
 
 def find_weight(payload: Payload, where: Places, gravity: Array) -> Array:
     """Return the wrench (n, 6) of a payload's weight and pull at M in base axes."""
-    arm = where.rotation[payload.body] @ payload.moments
-    push = np.hstack(
-        [
-            np.broadcast_to(payload.mass * gravity + payload.force, arm.shape),
-            np.cross(arm, gravity),
-        ]
-    )
-    return (wrenches_at(where, payload.body, payload.at) @ push[..., None])[..., 0]
+    one, other = push_payload(payload, where, gravity, slice(1))
+    return (one.wrench + other.wrench)[..., 0]
 
 
 def push_payload(

@@ -313,10 +313,7 @@ class Problem:
         least = target - FIT.margin - FIT.doubt * abs(log - self._nominal_evidence)
         far = len(start) > 0 and len(candidates) > 1 and log < least
         if far or not len(start):
-            own = split(candidates, at.u)
-            return Hypothesis(
-                own, at.residual, at.slopes, log, known, converged=not far
-            )
+            return self._leave(candidates, at, known, converged=not far)
         spare = log - target + FIT.margin if len(candidates) > 1 else np.inf
         setting = int(np.argmax(known.settings))
         scales = join_values(
@@ -328,10 +325,8 @@ class Problem:
         scales = np.where(many, known.scales, scales)  # not all errors are observable
         at = self._descend(candidates, at, setting, scales, spare)
         if at.hopeless:
-            own = split(candidates, at.u)
             known = self.posterior(candidates, at.linear, at.slopes)
-            log = known.log_evidence + self.log_prior(candidates)
-            return Hypothesis(own, at.residual, at.slopes, log, known, converged=False)
+            return self._leave(candidates, at, known, converged=False)
         if at.short > FIT.margin and not at_bounds(candidates, at.u).any():
             again = self._descend(
                 candidates, self._start(candidates, safe, safe), setting, scales
@@ -373,6 +368,14 @@ class Problem:
             found = self._move(found, near[0])
             log = log - near[1]
         return replace(found, evidence=log + self.log_odds(found))
+
+    def _leave(
+        self, candidates: Effects, at: _Point, known: Posterior, *, converged: bool
+    ) -> Hypothesis:
+        """Return a hypothesis at the point where its fit is left."""
+        log = known.log_evidence + self.log_prior(candidates)
+        own = split(candidates, at.u)
+        return Hypothesis(own, at.residual, at.slopes, log, known, converged=converged)
 
     def _move(self, hypothesis: Hypothesis, u: Array) -> Hypothesis:
         """Return a hypothesis at other internal parameters (k,), where it is as linear as they were chosen by."""
