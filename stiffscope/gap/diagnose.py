@@ -142,7 +142,10 @@ def conclude(found: Findings) -> Diagnosis:
     joint = (
         found.best
         if forms_of(reported.words) <= forms_of(found.best.words)
-        and not adds_little(found, reported, found.best)
+        and (
+            judgement.verdict == "partly"  # of a likely cause that is not named, too
+            or not adds_little(found, reported, found.best)
+        )
         else reported
     )
     unseen = tuple(_unseen(found, joint, judgement.effects))

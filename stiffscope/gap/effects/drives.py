@@ -151,6 +151,7 @@ class EncoderOffset(ElementEffect):
 
     word = "encoder-offset"
     precedence = 110
+    rests_in = Backlash.word
     parameters = (Parameter("offset", "m", 2e-4, -5e-3, 5e-3),)
 
     @classmethod

@@ -142,6 +142,8 @@ class Candidate:
     """True if the estimate of noise fits it together with all others."""
     gives_way: bool = False
     """True if that estimate leaves it out first where all together would fit anything."""
+    rests_in: str = ""
+    """Effect in whose dead zone of the same element it may be no more than the place of rest."""
     action: Any = None
     """Action of the candidate (an `Effect` on robots); only the forward model uses it."""
 
@@ -348,7 +350,15 @@ def find_length(mechanism: Mechanism) -> float:
     return float(np.linalg.norm(points[:, None] - points, axis=2).max()) or 1.0
 
 
-_FACTS = ("weighs", "merges", "assumed", "imitates", "joins_noise", "gives_way")
+_FACTS = (
+    "weighs",
+    "merges",
+    "assumed",
+    "imitates",
+    "joins_noise",
+    "gives_way",
+    "rests_in",
+)
 """Facts of an effect that all its candidates share."""
 
 
@@ -385,6 +395,8 @@ class Effect:
     """Whether the estimate of noise fits it together with all others."""
     gives_way: ClassVar[bool] = False
     """Whether that estimate leaves it out first where all together would fit anything."""
+    rests_in: ClassVar[str] = ""
+    """Effect in whose dead zone of the same element it may be no more than the place of rest."""
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
