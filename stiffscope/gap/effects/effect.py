@@ -204,6 +204,7 @@ class Payload:
     """A mass on a body, kg, with first moments (3,), kg·m, about ``at`` (3,), in the home pose.
 
     A constant ``force`` (3,), N, base axes, pulls at the same point, such as that of a cable.
+    The weight of a mass ``carried``, kg, is taken off, as by a spring; its inertia stays.
     """
 
     body: str
@@ -211,6 +212,7 @@ class Payload:
     mass: float
     moments: Array
     force: Array = field(default_factory=lambda: np.zeros(3))
+    carried: float = 0.0
 
 
 class Knee(NamedTuple):
@@ -264,6 +266,8 @@ class Influence:
     payloads: tuple[Payload, ...] = ()
     weight: bool = False
     """Whether the robot's own weight acts."""
+    carried: float = 0.0
+    """Share of the weight of the whole robot that springs carry, as its payloads say in kg."""
     dead_zones: Mapping[str, float] = field(default_factory=dict[str, float])
     """Half-width of a drive's dead zone, m or rad, by joint."""
     turns: Mapping[str, Array] = field(default_factory=dict[str, Any])

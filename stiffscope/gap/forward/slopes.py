@@ -51,7 +51,8 @@ def _of_others(prediction: RobotReadings, step: Step) -> Array:
         mass = (more.mass - less.mass) / width
         moments = (more.moments - less.moments) / width
         force = (more.force - less.force) / width
-        rate = Payload(more.body, more.at, mass, moments, force)
+        carried = (more.carried - less.carried) / width
+        rate = Payload(more.body, more.at, mass, moments, force, carried)
         out += _of_payload(prediction, rate)
     for drive, size in ahead.dead_zones.items():
         out += (size - behind.dead_zones[drive]) / width * prediction.dead_zone(drive)
