@@ -1110,6 +1110,28 @@ def test_readings_far_off_under_one_load_at_several_poses_are_no_slips(together)
     assert noise.used.sum() >= len(c) - len(rows)
 
 
+def test_what_is_adopted_is_certain_and_fitted_without_the_rest():
+    """Of three effects the third is hardly likelier than not: the others are what least squares say without it."""
+    model = linear_model(np.random.default_rng(6), parameters=(1,))
+    left_out = set()
+    for size in (0.0155, 0.016, 0.0165):
+        own = planted(model, e0=(0.5,), e1=(0.03,), e3=(size,))
+        found = conclude(find(own))
+        sure = found.adoptable
+        left_out |= {e.effect for e in sure.left_out}
+        names = [e.effect for e in sure.effects]
+        assert {e.effect for e in found.effects} <= set(names)
+        assert all(e.probability >= 0.9 for e in sure.effects)
+        assert all(e.probability < 0.9 for e in sure.left_out)
+        columns = [own.signatures[f"{name} @ place"][:, 0] for name in names]
+        rest = own.campaign.value - own.nominal
+        least = np.linalg.lstsq(np.column_stack(columns), rest, rcond=None)[0]
+        values = [e.parameters["p0"].value for e in sure.effects]
+        assert values == pytest.approx(least, rel=0.02)
+        assert "adoptable" not in to_json(found)
+    assert left_out == {"effect-3"}
+
+
 def test_an_effect_that_comes_in_two_sizes_keeps_the_one_that_was_found():
     """Beside an effect that is not certain it has two parameters; alone, one would do."""
     model = linear_model(np.random.default_rng(14), parameters=(1,))

@@ -70,7 +70,8 @@ class Gravity(Effect):
         return Influence(weight=True)
 
 
-_ALL = "robot"
+WHOLE = "robot"
+"""Place of what acts on the whole robot."""
 
 
 @dataclass(frozen=True)
@@ -122,7 +123,7 @@ class Mass(Effect):
         if every_guessed and len(heavy) > 1 and robot.mechanism.gravity.any():
             every = tuple(part for parts in heavy.values() for part in parts)
             yield cls(every, carried=True).make_candidate(
-                Place(_ALL, tuple(heavy)),
+                Place(WHOLE, tuple(heavy)),
                 (known._replace(size=MASSES.compensated, low=0.0, high=1.0),),
                 bounds=(0.0, 1.0),
                 physical=_leave,
