@@ -174,6 +174,7 @@ def conclude(found: Findings) -> Diagnosis:
         *found.problem.noise.remarks,
         *found.model.remarks(found.problem.noise, found.residual(found.none)),
         *judgement.remarks,
+        *_displaced(found, judgement.remarks),
         *([widened] if together and not beyond else []),
         *unseen,
         *_counts(found, reported),
@@ -214,6 +215,12 @@ def conclude(found: Findings) -> Diagnosis:
         drives=list_drives(found, joint if effects else found.none, left),
         adoptable=_find_adoptable(found, joint, reported, effects, left),
     )
+
+
+def _displaced(found: Findings, said: Sequence[str]) -> list[str]:
+    """Return remarks on instruments that the gap before any effect has elsewhere than stated."""
+    texts = found.model.find_displaced().remarks
+    return [f"without effects, {text}" for text in texts if text not in said]
 
 
 def _find_adoptable(

@@ -8,7 +8,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.gap.inference.lack_of_fit import lack_of_fit, misses_lines, model_errors
+from stiffscope.gap.inference.lack_of_fit import (
+    agrees,
+    lack_of_fit,
+    misses_lines,
+    model_errors,
+)
 from stiffscope.gap.inference.plausibility import (
     implausible,
     impossible,
@@ -47,55 +52,88 @@ def judge_findings(found: Findings) -> Judgement:
     and by the readings rather than prior odds, plausible parameters, and explains part of the gap.
     None is if the likeliest set, or its certain effects, leave a greater χ² than no effect. With
     certain effects the verdict is "identified" if they reduce the gap to the noise, and "partly"
-    if not, if a nuisance pattern is also certain, or if a cause is that explains too little to be
-    named; without, "no-gap" or "unexplained", if the gap
-    is within the noise or not. It is "ambiguous" if known effects reduce the gap to the noise but
+    if not, if a nuisance pattern is also certain, if a cause is that explains too little to be
+    named, or if an instrument is found elsewhere than stated; without, "no-gap" or "unexplained",
+    if the gap is within the noise or not. It is "ambiguous" if known effects reduce the gap to the noise but
     the main one is open, because a pattern or a like unnamed fault may replace it.
     """
-    best = found.best
     none = found.none
-    certain, strange, unsettled, little = _find_certain(found)
-    missed = misses_lines(found, best) if certain else ""
-    reasons = [missed] if missed else []
-    if missed:
-        certain = []
-        unsettled.append(missed)
+    sifted = _sift(found)
+    certain = sifted.certain
     kept = found.fit_effects(certain)
-    before = found.chi2(none)
     other = found.fit_named(certain)
     if other is not kept and lack_of_fit(found, kept) and not lack_of_fit(found, other):
         kept = other  # beside others another form was likelier, by a hair
-    if (
-        certain and max(found.chi2(kept), found.chi2(best)) >= before
-    ):  # they fit details only
+    left = max(found.chi2(kept), found.chi2(found.best))
+    if certain and left >= found.chi2(none):  # they fit details only
         certain = []
         kept = none
     count = int(found.used_readings.sum())
     parameters = _count_shown(found, kept)
     few = count < VERDICT.few * (parameters + 1)
     if few:
-        unsettled.append(
+        sifted.unsettled.append(
             f"{count} readings are too few to identify {parameters:.0f} parameters"
         )
     if certain and not few:
-        return _judge(found, kept, strange, unsettled, little)
-    gap = lack_of_fit(found, none)
-    if gap:
+        return _judge(found, kept, sifted)
+    return _judge_uncertain(found, sifted)
+
+
+def _judge_uncertain(found: Findings, sifted: _Sifted) -> Judgement:
+    """Return the verdict if no effect is certain."""
+    best = found.best
+    none = found.none
+    strange = sifted.strange
+    refused = (*strange, *sifted.reasons)
+    if gap := lack_of_fit(found, none):
         known = found.fit_effects(best.words)
         rest = lack_of_fit(found, known)
         if not best.words or strange or rest:
             left = rest if best.words else gap
-            remarks = (*strange, *reasons, *([left] if left else []))
+            remarks = (*refused, *([left] if left else []))
             return Judgement("unexplained", (), none, remarks)
-        return Judgement("ambiguous", known.words, known, tuple(unsettled))
+        return Judgement("ambiguous", known.words, known, tuple(sifted.unsettled))
     alone = sum(p for h, p in found.ranked if not h.words)
-    if found.problem.noise.scaled.any() and alone <= VERDICT.majority and strange:
-        remarks = (*strange, *reasons)
-        return Judgement("unexplained", (), none, remarks)  # of unknown noise
+    guessed = found.problem.noise.scaled.any() and alone <= VERDICT.majority and strange
+    if guessed or sifted.displaced:  # of unknown noise, or against what is stated
+        return Judgement("unexplained", (), none, refused)
     if alone > VERDICT.majority or not best.words or strange:
         return Judgement("no-gap", (), none, tuple(strange))
     known = found.fit_effects(best.words)
-    return Judgement("ambiguous", known.words, known, tuple(unsettled))
+    return Judgement("ambiguous", known.words, known, tuple(sifted.unsettled))
+
+
+@dataclass(frozen=True)
+class _Sifted:
+    """The effects of the likeliest set that are certain, and why others are not."""
+
+    certain: list[Candidate]
+    strange: list[str]
+    """Remarks on what no known effect explains."""
+    unsettled: list[str]
+    """Remarks on what is open."""
+    little: list[str]
+    """Names of probable effects that explain too little to be certain."""
+    reasons: list[str]
+    """Why nothing can be certain."""
+    displaced: bool
+    """Whether instruments are found elsewhere than stated without any effect."""
+
+
+def _sift(found: Findings) -> _Sifted:
+    """Return the certain effects; none if responses or the places of instruments refuse them."""
+    sifted = _find_certain(found)
+    missed = misses_lines(found, found.best) if sifted.certain else ""
+    moved = found.model.find_displaced()
+    if missed:
+        sifted.unsettled.append(missed)
+        sifted = replace(sifted, certain=[], reasons=[missed])
+    if moved.left is not None and moved.remarks and agrees(found, moved.left):
+        # without what is stated of these instruments there is no gap
+        strange = [*moved.remarks, *sifted.strange]
+        sifted = replace(sifted, certain=[], strange=strange)
+    return replace(sifted, displaced=bool(moved.remarks))
 
 
 def _count_shown(found: Findings, hypothesis: Hypothesis) -> float:
@@ -105,13 +143,8 @@ def _count_shown(found: Findings, hypothesis: Hypothesis) -> float:
     return float(np.trace(np.linalg.solve(gram + np.eye(len(gram)), gram)))
 
 
-def _find_certain(
-    found: Findings,
-) -> tuple[list[Candidate], list[str], list[str], list[str]]:
-    """Return certain effects, remarks on what no known effect explains, and on what is open.
-
-    The last are the names of probable effects that explain too little to be certain.
-    """
+def _find_certain(found: Findings) -> _Sifted:
+    """Return the certain effects of the likeliest set, by their probabilities and sizes."""
     best = found.best
     wrong = {c.name: impossible(c, found.best) for c in best.words}
     strange = [text for texts in wrong.values() for text in texts]
@@ -144,7 +177,7 @@ def _find_certain(
             f"{' and '.join(little)} would explain less than "
             f"{100.0 * VERDICT.explains:.0f} % of the gap: not certain"
         )
-    return certain, strange, unsettled, little
+    return _Sifted(certain, strange, unsettled, little, [], displaced=False)
 
 
 def _find_play(found: Findings, candidate: Candidate) -> str:
@@ -222,19 +255,12 @@ def _remark(
     return (*judgement.remarks, *texts)
 
 
-def _judge(
-    found: Findings,
-    kept: Hypothesis,
-    strange: list[str],
-    unsettled: list[str],
-    little: list[str],
-) -> Judgement:
-    """Return the verdict if some effects are certain.
-
-    kept: exactly these; strange: implausible or unnamed causes; unsettled: equally good ones;
-    little: probable ones that explain too little.
-    """
+def _judge(found: Findings, kept: Hypothesis, sifted: _Sifted) -> Judgement:
+    """Return the verdict if some effects are certain; kept: the hypothesis of exactly these."""
+    strange = sifted.strange
+    unsettled = sifted.unsettled
     rest = lack_of_fit(found, kept)
+    moved = found.model.find_displaced(kept.parameters).remarks
     names = [c.name for c in kept.words]
     if rest and not strange:
         known = found.fit_effects(found.best.words)
@@ -242,7 +268,7 @@ def _judge(
             open_ones = ", ".join(c.name for c in known.words if c.name not in names)
             text = f"certain: {', '.join(names)}; uncertain: {open_ones}"
             return Judgement("ambiguous", known.words, known, (text, *unsettled))
-    if rest or little or _pattern_beside(found, kept):
+    if rest or sifted.little or moved or _pattern_beside(found, kept):
         verdict = "partly"
     else:
         main = found.group(_main(found, kept))
@@ -254,6 +280,7 @@ def _judge(
     remarks = (
         *strange,
         *unsettled,
+        *moved,
         *([rest] if rest else []),
         *_imitations(found, kept.names),
     )
