@@ -10,7 +10,7 @@ import tomlkit
 
 from stiffscope.errors import InputError, naming, require_given
 from stiffscope.experiments.robot_files import robot_document
-from stiffscope.gap.effects.drives import ActuatorStiffness
+from stiffscope.gap.effects.drives import ActuatorStiffness, Backlash
 from stiffscope.gap.effects.effect import UNNAMED
 from stiffscope.gap.effects.masses import WHOLE, Gravity, Mass
 from stiffscope.gap.effects.vocabulary import apply_effect, find_kind
@@ -136,6 +136,9 @@ def _refusals(
                 continue
         if find_kind(effect.effect).weighs and not heavy:
             yield f"{name_of(effect)}: masses count only where gravity is modelled"
+            continue
+        if effect.effect == Backlash.word and len(effect.parameters) > 1:
+            yield f"{name_of(effect)}: drives of a robot file start in the middle of their gap"
             continue
         strange = [n for n, p in effect.parameters.items() if not p.plausible]
         if strange:

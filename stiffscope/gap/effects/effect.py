@@ -39,6 +39,7 @@ __all__ = [  # names that effect modules import
     "Parameter",
     "Payload",
     "Place",
+    "Preload",
     "Row",
     "Setting",
 ]
@@ -228,6 +229,16 @@ class Knee(NamedTuple):
         return self.below * small + self.beyond * (force - small)
 
 
+class Preload(NamedTuple):
+    """Force, N or N·m, that holds a drive to a side of its gap beside the weight.
+
+    reach: change of it by which its effect on readings, which step, is differentiated.
+    """
+
+    force: float
+    reach: float
+
+
 Row = tuple[int, int]
 """A row of readings: file number and line number."""
 
@@ -270,6 +281,9 @@ class Influence:
     """Share of the weight of the whole robot that springs carry, as its payloads say in kg."""
     dead_zones: Mapping[str, float] = field(default_factory=dict[str, float])
     """Half-width of a drive's dead zone, m or rad, by joint."""
+    preloads: Mapping[str, Preload] = field(default_factory=dict[str, Any])
+    """What holds drives with a dead zone to a side, by joint; of others each reading starts in the
+    middle."""
     turns: Mapping[str, Array] = field(default_factory=dict[str, Any])
     """Small rotation (3,) of an instrument's readings."""
     gains: Mapping[str, float] = field(default_factory=dict[str, float])
