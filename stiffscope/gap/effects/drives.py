@@ -115,6 +115,7 @@ def _soften_each(nominal: NominalRobot, names: Sequence[str], u: Array) -> Chang
 
 _REACH = 0.05  # of the largest load: change of a preload that readings show
 _LEAST = 0.01  # of the usual half-width
+_HELD = Parameter("preload", "N", 0.2, -1.0, 1.0)  # relative to the largest load
 
 
 @dataclass(frozen=True)
@@ -129,10 +130,7 @@ class Backlash(Effect):
     precedence = 140
     merges = False
     adoptable = True
-    parameters = (
-        Parameter("half_width", "m", 1e-5, 0.0, 1e-3),
-        Parameter("preload", "N", 0.2, -1.0, 1.0),  # over the largest load
-    )
+    parameters = (Parameter("half_width", "m", 1e-5, 0.0, 1e-3),)
     bounds = ADDED
     blames = True
 
@@ -149,7 +147,7 @@ class Backlash(Effect):
         for place in setting.robot.places(driven):
             if place.sole:
                 turns = driven[place.sole].turns
-                width, held = cls.parameters
+                (width,) = cls.parameters
                 if not turns:
                     (width,) = setting.in_robots_units([width])
                 units = ("rad", "N·m") if turns else ("m", "N")
@@ -157,10 +155,10 @@ class Backlash(Effect):
                 load = setting.drive_forces.get(place.sole, 0.0)
                 if load and setting.robot.mechanism.gravity.any():
                     effect = cls(place.sole, load, _LEAST * width.size)
-                    ends = (load * size for size in held[2:])
+                    ends = (load * size for size in _HELD[2:])
                     yield effect.make_candidate(
                         place,
-                        [width, Parameter(*held[:2], *ends)],
+                        [width, Parameter(*_HELD[:2], *ends)],
                         units=units,
                         couplings=1,
                         groups=(1, 1),
