@@ -66,6 +66,9 @@ POINTS = {
     ),
 }
 HITS = ((0, 2, 1.0), (1, 0, -1.0))  # point, axis, sign
+ALONG = 0.0, 0.25, 0.5, 0.75, 1.0  # static poses between the two postures
+PUSH = 100.0  # N
+SCATTER = 0.01  # of static readings, relative to their rms
 
 
 class Dense:
@@ -264,6 +267,34 @@ def simulate(changed, masses, spring, points, pose, ends, hertz, rng):
     return np.einsum("hc,pac,cf->hpaf", forces, moved, g)
 
 
+def write_readings(folder, name, planted, seed, where=ALONG):
+    """Write deflections of the same machine under pushes, by its dense model, and list them."""
+    robot = load_robot(name)
+    changed, _, spring, _ = planted
+    ends = [np.array(robot.poses[each]) for each in ROBOTS[name]]
+    rng = np.random.default_rng([seed, 78])
+    names = robot.tool.pose
+    rows = []
+    for share in where:
+        pose = tuple((1.0 - share) * ends[0] + share * ends[1])
+        dense = Dense(changed, pose)
+        if spring is not None:
+            held = dense.move(changed.tool.body, spring[0])[:3]
+            dense.k = dense.k + held.T @ (spring[1][:, None] * held)
+        c = PUSH * stiffness_at_tool(dense, changed)[:3, :3]
+        rows += [(pose, axis, c[:, axis]) for axis in range(3)]
+    sigma = SCATTER * np.sqrt(np.mean([moved**2 for _, _, moved in rows]))
+    lines = [",".join([*names, "fx", "fy", "fz", "quantity", "value", "sigma"])]
+    for pose, axis, moved in rows:
+        shown = moved + sigma * rng.standard_normal(3)
+        push = ["0"] * 3
+        push[axis] = repr(PUSH)
+        for quantity, value in zip(("dx", "dy", "dz"), shown.tolist(), strict=True):
+            words = [*map(repr, map(float, pose)), *push, quantity]
+            lines.append(",".join([*words, repr(value), repr(float(sigma))]))
+    (folder / "readings.csv").write_text("\n".join(lines) + "\n")
+
+
 def find_band(mechanism, poses):
     """Lines of a test up to some of the modes."""
     found = []
@@ -301,8 +332,8 @@ def describe(kind, sensor, hit, values, hertz):
     }
 
 
-def write(folder, name, cause, seed):
-    """Write a campaign; return the truth."""
+def write(folder, name, cause, seed, *, read=False):
+    """Write a campaign, with static readings or without; return the truth."""
     rng = np.random.default_rng([seed, CAUSES.index(cause), list(ROBOTS).index(name)])
     robot = load_robot(name)
     mechanism = rough_mechanism(robot)
@@ -314,6 +345,9 @@ def write(folder, name, cause, seed):
     changed, masses, spring, truth = planted
     folder.mkdir(parents=True, exist_ok=True)
     text = [f'robot = "{name}"', 'components = "beam"']
+    if read:
+        text.append('readings = "readings.csv"')
+        write_readings(folder, name, planted, seed)
     state = rng.bit_generator.state
     for pose_name, pose in zip(names, poses, strict=True):
         rng.bit_generator.state = state  # the same damping at both postures
@@ -394,6 +428,7 @@ def main():
     parser.add_argument("-r", "--robot", action="append")
     parser.add_argument("-c", "--cause", action="append")
     parser.add_argument("-s", "--seed", action="append", type=int)
+    parser.add_argument("--readings", action="store_true", help="static ones beside")
     chosen = parser.parse_args()
     from stiffscope.gap.campaigns import diagnose
     from stiffscope.gap.inference.diagnosis import to_json
@@ -402,7 +437,7 @@ def main():
         for name in chosen.robot or ROBOTS:
             for cause in chosen.cause or CAUSES:
                 folder = chosen.folder / f"{name}-{cause}-{seed}"
-                truth = write(folder, name, cause, seed)
+                truth = write(folder, name, cause, seed, read=chosen.readings)
                 start = time.process_time()
                 answer = to_json(diagnose(folder))
                 seconds = time.process_time() - start
