@@ -161,9 +161,11 @@ def _compare_levels(
         np.maximum(np.abs(block.read(state.lines)), block.sigma)
         for state in (before, after, without)
     )
-    apart = (_DECIBEL * (np.log(each) - level)[heard] for each in predicted)
+    first, last, other = (
+        _DECIBEL * (np.log(each) - level)[heard] for each in predicted
+    )
     noise = _DECIBEL * (block.sigma / np.where(heard, size, 1.0))[heard]
-    return _Levels(*apart, noise)
+    return _Levels(first, last, other, noise)
 
 
 @dataclass(frozen=True)
@@ -299,8 +301,8 @@ def _find_gaps(
     rows = [row for row in modes if np.isfinite(row[:3]).all()]
     if rows:
         measured, *computed = np.array(rows).T
-        sizes = [_rms(each - measured) for each in computed]
-        shares = [_rms(each / measured - 1.0) for each in computed]
-        out[name] = AbsoluteGap("Hz", *sizes, nan)
-        out[f"{name}_relative"] = AbsoluteGap("1", *shares, nan)
+        before, after, without = (_rms(each - measured) for each in computed)
+        out[name] = AbsoluteGap("Hz", before, after, without, nan)
+        before, after, without = (_rms(each / measured - 1.0) for each in computed)
+        out[f"{name}_relative"] = AbsoluteGap("1", before, after, without, nan)
     return out

@@ -139,7 +139,8 @@ class _Nuisance:
         """Inner products (q, q)."""
         own = self.columns.mT @ self.columns
         at = self.index[:, :, None] * self.count + self.index[:, None]
-        whole = np.bincount(at.ravel(), own.ravel(), self.count**2)
+        whole = np.zeros(self.count**2)
+        np.add.at(whole, at.ravel(), own.ravel())
         return whole.reshape(self.count, self.count)
 
     @cached_property
@@ -698,7 +699,8 @@ class ResponseState:
         lines = self._pick_lines(received)
         weight = self.block.weight[..., None]
         window = self.window[..., None]
-        slopes = np.empty((*lines.shape, len(d) + len(damping.pairs)), dtype=complex)
+        count = len(d) + len(damping.pairs)
+        slopes = np.empty((*lines.shape, count), dtype=complex)
         size = limits.damping * damping.ratios * self._loss
         for k, i in enumerate(d):
             heard = amplitudes[i]
@@ -710,7 +712,6 @@ class ResponseState:
             both = one[force] * other[motion] + other[force] * one[motion]
             slopes[..., k] = -(sizes[k - len(d)] * self.s) * both
         columns = [slopes * window]
-        count = slopes.shape[2]
         index = [np.tile(np.arange(count), (len(lines), 1))]
         p = len(self.ends)
         for side, other in ((force, motion), (motion, force)):
