@@ -62,9 +62,9 @@ class HammerNoise:
     Attributes
     ----------
     relative
-        Standard deviation of a line over its size.
+        Standard deviation of a mean line over its size.
     floor
-        Standard deviation of an accelerance over the rms of its response.
+        Standard deviation of a mean accelerance over the rms of all at the pose.
     least_damping, most_damping
         Range of the modes' damping ratios, which are drawn log-uniformly.
     """
@@ -119,10 +119,11 @@ def strike(
 def record(
     true: Complex, plan: HammerPlan, noise: HammerNoise, rng: np.random.Generator
 ) -> list[list[Response]]:
-    """Return the measured responses at each pose, with noise and the coherence that it leaves.
+    """Return the measured responses at each pose, and the coherence of the hits behind them.
 
-    Coherence γ² of n averages is that of ``σ² = (1 - γ²)/(2 n γ²) |H|²`` (Bendat and Piersol,
-    Random Data, 4th ed., Wiley 2010, section 9.2).
+    Of n hits with responses H_k an analyser shows the mean, and as coherence
+    ``γ² = |Σ H_k|² / (n Σ |H_k|²)`` (Bendat and Piersol, Random Data, 4th ed., Wiley 2010, section
+    6.1), here of equal forces.
 
     Parameters
     ----------
@@ -133,31 +134,33 @@ def record(
     rng
         Random generator of the noise.
     """
-    out: list[list[Response]] = []
+    n = plan.averages
     squares = (2.0 * np.pi * plan.hertz) ** 2
+    out: list[list[Response]] = []
     for k, pose in enumerate(true):
-        rows: list[Response] = []
-        for hit, motions in zip(plan.hits, pose, strict=True):
-            for motion, receptance in zip(plan.motions, motions, strict=True):
-                level = np.abs(squares * receptance)
-                floor = noise.floor * np.sqrt(np.mean(level**2))
-                variance = 0.5 * ((noise.relative * level) ** 2 + floor**2)
-                parts = rng.standard_normal((2, len(level))) * np.sqrt(variance)
-                measured = receptance + (parts[0] + 1j * parts[1]) / squares
-                shown = level**2
-                whole = shown + 2.0 * plan.averages * variance
-                rows.append(
-                    Response(
-                        force=hit,
-                        motion=motion,
-                        frequency=plan.hertz,
-                        receptance=measured,
-                        coherence=shown / np.where(whole > 0.0, whole, 1.0),
-                        quantity="accelerance",
-                        source=f"pose {k + 1}",
-                    )
+        floor = noise.floor * np.sqrt(np.mean(np.abs(squares * pose) ** 2))
+        variance = (noise.relative * np.abs(squares * pose)) ** 2 + floor**2
+        parts = rng.standard_normal((2, n, *pose.shape))
+        # of real and imaginary part of one of n hits
+        scatter = np.sqrt(0.5 * n * variance) / squares
+        each = pose + scatter * (parts[0] + 1j * parts[1])
+        mean = each.mean(axis=0)
+        coherence = np.abs(mean) ** 2 / np.mean(np.abs(each) ** 2, axis=0)
+        out.append(
+            [
+                Response(
+                    force=hit,
+                    motion=motion,
+                    frequency=plan.hertz,
+                    receptance=mean[i, j],
+                    coherence=coherence[i, j],
+                    quantity="accelerance",
+                    source=f"pose {k + 1}",
                 )
-        out.append(rows)
+                for i, hit in enumerate(plan.hits)
+                for j, motion in enumerate(plan.motions)
+            ]
+        )
     return out
 
 
