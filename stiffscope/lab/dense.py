@@ -22,7 +22,7 @@ from stiffscope.lab.rotations import lever, transform_to
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from stiffscope.lab.closure import Frames, Located
+    from stiffscope.lab.closure import Located
     from stiffscope.lab.machine import Body, Machine
     from stiffscope.lab.response import Spot
     from stiffscope.lab.rotations import Array

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -224,7 +224,9 @@ def find_band(
         DenseMachine(machine, located.some([k])).solve(plan.about).hertz
         for k in range(len(plan.poses))
     ]
-    moving = [hertz[(hertz > 1e-3 * plan.about) & np.isfinite(hertz)] for hertz in found]
+    moving = [
+        hertz[(hertz > 1e-3 * plan.about) & np.isfinite(hertz)] for hertz in found
+    ]
     lowest = min(float(hertz[0]) for hertz in moving)
     highest = max(float(hertz[min(modes, len(hertz)) - 1]) for hertz in moving)
     return 0.4 * lowest, 1.15 * highest, lowest
@@ -233,5 +235,3 @@ def find_band(
 def triaxial(point: str) -> tuple[Direction, ...]:
     """Return the directions of a triaxial accelerometer along the base axes."""
     return tuple(Direction(point, axis) for axis in range(3))
-
-

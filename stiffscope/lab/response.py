@@ -165,7 +165,9 @@ def _find_equilibrium(
 ) -> tuple[Frames, Structure]:
     """Return the frames of nodes in equilibrium with geometric errors, and the structure there."""
     frames = nominal
-    structure = Structure(len(index) - 1, list_elements(machine, located, frames, index))
+    structure = Structure(
+        len(index) - 1, list_elements(machine, located, frames, index)
+    )
     if not _is_distorted(machine):
         return frames, structure
     points = {

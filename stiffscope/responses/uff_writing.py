@@ -78,7 +78,12 @@ def _units() -> bytes:
     """Return dataset 164: SI, absolute temperatures."""
     factors = "".join(f"{1.0:25.17E}" for _ in range(3))
     return _frame(
-        ["   164", f"{1:10d}{'SI: Meter (newton)':>20}{2:10d}", factors, f"{0.0:25.17E}"]
+        [
+            "   164",
+            f"{1:10d}{'SI: Meter (newton)':>20}{2:10d}",
+            factors,
+            f"{0.0:25.17E}",
+        ]
     )
 
 
@@ -102,6 +107,7 @@ def _function(kind: int, response: Response, title: str) -> bytes:
     else:
         data = np.asarray(response.coherence, dtype="<f4").tobytes()
         ordinate = _NOTHING, _NOTHING
+    form = 5 if is_response else 2  # complex or real, single precision
     ends = f"{_end(response.motion)}{_end(response.force)}"
     axes = (_HERTZ, *ordinate, _NOTHING)
     header = [
@@ -109,8 +115,7 @@ def _function(kind: int, response: Response, title: str) -> bytes:
         title[:80] or "NONE",
         *["NONE"] * 4,
         f"{kind:5d}{0:10d}{0:5d}{0:10d}{ends}",
-        f"{5 if is_response else 2:10d}{len(hertz):10d}{1:10d}"
-        f"{start:13.5E}{step:13.5E}{0.0:13.5E}",
+        f"{form:10d}{len(hertz):10d}{1:10d}{start:13.5E}{step:13.5E}{0.0:13.5E}",
         *(
             f"{code:10d}{0:5d}{0:5d}{0:5d} {'NONE':20} {label:20}"
             for code, label in axes
