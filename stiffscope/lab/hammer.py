@@ -76,8 +76,9 @@ class HammerNoise:
 
     def draw_damping(self, rng: np.random.Generator, count: int) -> Array:
         """Return damping ratios (count,)."""
-        ends = np.log([self.least_damping, self.most_damping])
-        return np.exp(rng.uniform(*ends, count))
+        low = np.log(self.least_damping)
+        high = np.log(self.most_damping)
+        return np.exp(rng.uniform(low, high, count))
 
 
 MODES = 400  # with a damping ratio of their own, more than any robot has in a band
@@ -213,7 +214,7 @@ def space_lines(low: float, high: float, count: int) -> Array:
     """Return evenly spaced lines (count,) about a band, Hz, with few digits."""
     step = float(f"{(high - low) / (count - 1):.2g}")
     start = float(f"{low:.3g}")
-    return start + step * np.arange(count)
+    return start + step * np.arange(count, dtype=np.float64)
 
 
 def find_band(
