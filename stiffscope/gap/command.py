@@ -75,7 +75,7 @@ def diagnose(
 ) -> None:
     """Find the effects that explain the gap between model and measurements.
 
-    CAMPAIGN is a folder with a campaign.toml and its readings, or a bundled one: published or gauges.
+    CAMPAIGN is a folder with a campaign.toml and its readings, or a bundled one: gauges, knock or published.
     """
     output.check_folder(output.folder, adopt)
     case = open_case(name, instead=robot)
