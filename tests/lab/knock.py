@@ -25,9 +25,9 @@ from stiffscope.robot.reader import load_robot
 
 CAUSE = "actuator-stiffness", "limb1", {"factor": 0.7}
 AWAY = ((0.09, 0.09, -0.06), (-0.09, 0.09, 0.06), (0.0, -0.095, 0.06))  # m, from M
-COMMENT = """A hammer test of the Biglide at Q1: hits on the platform at point 1 along z and at point 2 against y, triaxial
-accelerometers at three points of the platform and on the left slider. The machine is virtual, with mechanics of its own
-(tests/lab/knock.py makes the file anew); its cause is withheld. Try: stiffscope diagnose knock --out DIR"""
+COMMENT = """A hammer test of the Biglide at Q1: hits on the platform at point 1 along z and at point 2 against y,
+triaxial accelerometers at three points of the platform and on the left slider. The machine is virtual, with mechanics
+of its own (tests/lab/knock.py makes the file anew); its cause is withheld. Try: stiffscope diagnose knock --out DIR"""
 
 
 def make(folder):
