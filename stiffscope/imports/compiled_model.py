@@ -7,7 +7,7 @@ import re
 import warnings
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import chain
+from itertools import chain, repeat
 from typing import TYPE_CHECKING, Any
 from xml.parsers import expat
 
@@ -257,7 +257,7 @@ def _drop_meshes(mj: Any, spec: Any) -> None:
     kinds = mj.mjtGeom.mjGEOM_MESH, mj.mjtGeom.mjGEOM_HFIELD, mj.mjtGeom.mjGEOM_SDF
     shapes = [geom for geom in spec.geoms if geom.type in kinds]
     for material in spec.materials:
-        material.textures = [""] * len(material.textures)
+        material.textures = list(repeat("", len(material.textures)))
     others = spec.meshes, spec.textures, spec.hfields, spec.skins
     unused = (
         spec.pairs,

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
+from itertools import repeat
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree as ET
 
@@ -60,7 +61,7 @@ def read_loops(path: Path) -> Loops:
         raise InputError(f"{where}: closed_loop: expected pairs of frames, {got}")
     pairs = _list(held, "closed_loop", where)
     kinds = [str(each).lower() for each in _list(held, "type", where)]
-    kinds = kinds or ["6d"] * len(pairs)
+    kinds = kinds or list(repeat("6d", len(pairs)))
     for pair in pairs:
         if not isinstance(pair, list) or len(pair) != 2:
             raise InputError(
