@@ -45,9 +45,9 @@ class BeamParameters(SolidParameters):
     def largest(self) -> dict[str, float]:
         """Return the largest thicknesses by name, m."""
 
-    @abstractmethod
     def outline(self) -> list[list[tuple[float, float]]]:
         """Return the corners (y, z) of the section's outer border, then of its hole, m."""
+        raise NotImplementedError
 
     @abstractmethod
     def cross_section(self, poisson: float) -> Section:

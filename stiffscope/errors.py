@@ -82,13 +82,13 @@ def require_given(
     return value
 
 
-def _error(where: object, expected: str, got: object) -> Exception:
+def _error(where: Any, expected: str, got: object) -> Exception:
     return _place(
         where, f"expected {expected}" + ("" if got is None else f", got {got}")
     )
 
 
-def _place(where: object, message: str) -> Exception:
+def _place(where: Any, message: str) -> Exception:
     """Return the error of a message at a place; see `require`."""
     if callable(where):
         return where(message)
