@@ -342,7 +342,9 @@ class Campaign:
             raise self.refuse(key, f"expected {expected}, got {got}")
 
     def where(self, reading: int) -> str:
-        """Return the file and line of one reading; the file alone if it has none."""
+        """Return the file and line of one reading; the file alone if it has none, "plan" without both."""
+        if not self.files:
+            return "plan"
         file = self.files[int(self.file[reading])]
         line = int(self.line[reading])
         return file if line == NO_LINE else f"{file}:{line}"
