@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import repeat
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -350,7 +351,7 @@ class Campaign:
 
     def find_pose_rows(self) -> tuple[str, ...]:
         """Return file and line of the first reading at each pose; "" at one without readings."""
-        rows = [""] * len(self.pose_names)
+        rows = list(repeat("", len(self.pose_names)))
         poses, first = np.unique(self.pose, return_index=True)
         for pose, reading in zip(poses.tolist(), first.tolist(), strict=True):
             rows[pose] = self.where(reading)

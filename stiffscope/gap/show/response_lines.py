@@ -46,7 +46,7 @@ def draw_lines(name: str, setup: SetupModes) -> Figure | None:
         columns,
         squeeze=False,
         sharex="col",
-        height_ratios=[2.2, 1.0] * bands,
+        height_ratios=np.tile([2.2, 1.0], bands).tolist(),
     )
     for k in range(columns * bands):
         pair = panels[2 * (k // columns) : 2 * (k // columns) + 2, k % columns]
