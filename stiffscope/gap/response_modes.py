@@ -11,7 +11,9 @@ D. J. Ewins, Modal Testing, 2nd ed., Research Studies Press 2000, sect. 4.3, 5.4
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from itertools import repeat
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -264,7 +266,8 @@ def _match(
     mac = np.divide(product, size, out=np.zeros_like(product), where=size > 0.0)
     apart = np.abs(np.log(own / hertz[:, None]))
     mac = np.where(apart <= np.log(_FAR), mac, 0.0)
-    out = [(float("nan"), float("nan"), float("nan"))] * len(hertz)
+    unpaired = math.nan, math.nan, math.nan
+    out = list(repeat(unpaired, len(hertz)))
     # of equal shapes, the nearer frequency
     rows, columns = linear_sum_assignment(0.1 * apart.clip(max=1.0) - mac)
     for row, column in zip(rows.tolist(), columns.tolist(), strict=True):

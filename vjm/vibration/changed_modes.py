@@ -88,8 +88,8 @@ class SoundModes:
 
     @cached_property
     def moving(self) -> NDArray[np.intp]:
-        """Modes (m,) with mass."""
-        return np.flatnonzero(self.modal.mass > 0.0)
+        """Modes (m,) with mass that is more than rounding."""
+        return np.flatnonzero(_EMPTY * self.modal.squares < self.modal.shift)
 
     @cached_property
     def flexibility(self) -> Array:
