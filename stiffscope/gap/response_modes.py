@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array, Complex, Flags
 
 _FAR = 2.0  # ratio of frequencies of modes that are not paired
+_APART = 0.25  # MAC that makes up for frequencies 1 apart, in ln
 _DECIBEL = 20.0 / np.log(10.0)
 
 
@@ -268,8 +269,8 @@ def _match(
     mac = np.where(apart <= np.log(_FAR), mac, 0.0)
     unpaired = math.nan, math.nan, math.nan
     out = list(repeat(unpaired, len(hertz)))
-    # of equal shapes, the nearer frequency
-    rows, columns = linear_sum_assignment(0.1 * apart.clip(max=1.0) - mac)
+    # of shapes about as alike, the nearer frequency
+    rows, columns = linear_sum_assignment(_APART * apart - mac)
     for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
         if mac[row, column] > 0.0:
             found = own[column], mac[row, column], ratios[column]
