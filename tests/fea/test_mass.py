@@ -356,7 +356,7 @@ def test_the_number_of_modes_is_chosen_directly_or_by_a_frequency(stub, monkeypa
     monkeypatch.setattr(stiffscope.fea.dynamics, "MOST_MODES", 16)
     levels = levels_of(stub)
     some = compute_dynamics(levels, Settings(modes=14)).mode_squares
-    assert len(some) == 14
+    assert 14 <= len(some) <= 15  # at least as many: the round link's pairs stay whole
     limit = np.sqrt(some[9] * some[8]) ** 0.5 / (2 * np.pi)
     assert (
         len(compute_dynamics(levels, Settings(highest_frequency=limit)).mode_squares)

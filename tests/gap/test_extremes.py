@@ -65,7 +65,8 @@ def test_what_is_far_too_large_is_doubted_and_refused(
 
 @pytest.mark.extended
 def test_a_place_too_far_for_a_robot_is_doubted_and_said(tmp_path):
-    folder = changed(tmp_path, "campaign.toml", '[0, 0, "-1124 mm"]', '[0, 0, "-60 m"]')
+    """The gauge is moved along its own direction, which changes none of its readings."""
+    folder = changed(tmp_path, "campaign.toml", '["60 mm", "20 mm"', '["60 m", "20 mm"')
     text = remarks(folder)["place"]
     assert diagnose(folder).remarks[0] == text
 

@@ -46,6 +46,7 @@ _NEWTON_STEPS = 13
 _CLOSED = (
     1e-5  # rad, or relative to the mechanism's length: size of the last Newton step
 )
+_LOST = 1e3  # likewise: a step after which the loops never close, only overflow
 
 
 @dataclass(frozen=True)
@@ -92,6 +93,8 @@ class ElasticState:
         for _ in range(_NEWTON_STEPS):
             if size < _CLOSED:
                 return there
+            if not size < _LOST:
+                break
             offsets = find_remaining_offsets(order, there, rest)
             step = solve_loads(
                 order, there, Loads(1, {}, offsets, balanced=1.0), "nodes"
