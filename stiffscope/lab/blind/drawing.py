@@ -97,7 +97,13 @@ def _draw_faults(
             )
             tried = (
                 *faults,
-                draw_known(word, rng, lab, judge.sensors, alone=count == 1),
+                draw_known(
+                    word,
+                    rng,
+                    lab,
+                    judge.sensors,
+                    alone=count == 1 and not lab.robot.hammered,
+                ),
             )
             if judge.can_decide(tried):
                 faults = tried

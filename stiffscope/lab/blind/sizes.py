@@ -105,7 +105,8 @@ def draw_known(
     sensors
         Names of the sensors that may be faulty.
     alone
-        Whether it is the only fault, with a size drawn over decades.
+        Whether its size is drawn over decades, as that of an only fault in readings: responses
+        show faults that shift their modes by up to a fifth.
 
     Returns
     -------
