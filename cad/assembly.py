@@ -199,7 +199,7 @@ def place_solids(
                 inertia=inertia,
             )
         )
-    names = _name_distinct([each["path"] for each in told["instances"]])
+    names = _name_distinct([instance["path"] for instance in told["instances"]])
     for name, each in zip(names, told["instances"], strict=True):
         place = np.array(each["place"])
         product = products[each["product"]]
@@ -215,8 +215,8 @@ def _share_products(instances: Sequence[Instance]) -> tuple[Instance, ...]:
     first = dict[tuple[str, int, int], list[Product]]()
     taken = dict[int, Product]()
     shared = list[Instance]()
-    for each in instances:
-        own = each.product
+    for instance in instances:
+        own = instance.product
         if own.number not in taken:
             size = round(
                 3e3 * np.log(own.volume)
@@ -227,8 +227,8 @@ def _share_products(instances: Sequence[Instance]) -> tuple[Instance, ...]:
             if same is own:
                 alike.append(own)
         product = taken[own.number]
-        origin = each.origin + each.rotation @ (own.centre - product.centre)
-        shared.append(replace(each, product=product, origin=origin))
+        origin = instance.origin + instance.rotation @ (own.centre - product.centre)
+        shared.append(replace(instance, product=product, origin=origin))
     return tuple(shared)
 
 
@@ -280,7 +280,7 @@ def _check_references(path: Path, content: bytes) -> None:
     try:
         TopologicalSorter(holds).prepare()
     except CycleError as error:
-        chain = " in ".join(f"#{each.decode()}" for each in error.args[1])
+        chain = " in ".join(f"#{arg.decode()}" for arg in error.args[1])
         what = f"expected a tree of products, got one within itself ({chain})"
         raise InputError(f"{path}: {what}") from error
     for match in _EXTERNAL.finditer(content):

@@ -107,7 +107,7 @@ def _read_joints(
                     f"{label}: connected to nothing else of the assembly: left out"
                 )
                 continue
-            frames = [(type(each).__name__, _placed(each)) for each in (joint, other)]
+            frames = [(type(end).__name__, _placed(end)) for end in (joint, other)]
             motions = tuple(
                 (_KINDS[kind], 1e-3 * frame[:3, 3], frame[:3, 2])
                 for kind, frame in frames
@@ -128,7 +128,7 @@ def _nearest(
 ) -> int | None:
     """Return the solid of a joint: the nearest one of its node; None outside the assembly."""
     inside = [
-        n for n, owner in enumerate(owners) if any(each is node for each in owner.path)
+        n for n, owner in enumerate(owners) if any(step is node for step in owner.path)
     ]
     if len(inside) < 2:
         return inside[0] if inside else None

@@ -40,7 +40,7 @@ def imprint_contacts(
     """
     solid = solids[number]
     own = list(contacts)
-    lines = [line for each in own for line in _find_lines(number, solids, each)]
+    lines = [line for face in own for line in _find_lines(number, solids, face)]
     made = cad.kernel.imprint_lines(solid.solid, lines) if lines else None
     pieces = {index: (index,) for index in range(len(solid.faces))}
     new = solid

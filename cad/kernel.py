@@ -191,7 +191,7 @@ def imprint_circle(
     )
     split.Build()
     return TopoDS.Solid(split.Shape()), [
-        TopoDS.Face(each) for each in split.Modified(face)
+        TopoDS.Face(piece) for piece in split.Modified(face)
     ]
 
 
@@ -213,7 +213,7 @@ def corner_numbers(shape: Shape) -> list[frozenset[int]]:
     """Return the numbers of the vertices of each face; faces that touch have a common one."""
     numbers = Numbering()
     return [
-        frozenset(numbers.number_shape(each) for each in vertices(face))
+        frozenset(numbers.number_shape(vertex) for vertex in vertices(face))
         for face in faces(shape)
     ]
 
@@ -286,8 +286,8 @@ def find_interferences(shape: Shape) -> list[tuple[Floats, float]]:
     analyzer.SelfInterMode = True
     analyzer.Perform()
     found = []
-    for each in analyzer.GetCheckResult() if analyzer.HasFaulty() else ():
-        some = list(each.GetFaultyShapes1())
+    for result in analyzer.GetCheckResult() if analyzer.HasFaulty() else ():
+        some = list(result.GetFaultyShapes1())
         if len(some) > 1:
             search = BRepExtrema_DistShapeShape(some[0], some[1])
             ends = [search.PointOnShape1(1), search.PointOnShape2(1)]
@@ -340,8 +340,8 @@ def fuse(shapes: Sequence[Shape], fuzzy: float) -> Shape:
     first = List_TopoDS_Shape()
     others = List_TopoDS_Shape()
     first.Append(shapes[0])
-    for each in shapes[1:]:
-        others.Append(each)
+    for shape in shapes[1:]:
+        others.Append(shape)
     union = BRepAlgoAPI_Fuse()
     union.SetArguments(first)
     union.SetTools(others)
@@ -557,8 +557,8 @@ def imprint_lines(
     count = numbers.count
     pieces = {}
     for index, face in enumerate(faces(solid)):
-        made = [TopoDS.Face(each) for each in split.Modified(face)] or [face]
-        pieces[index] = tuple(numbers.number_shape(each) for each in made)
+        made = [TopoDS.Face(piece) for piece in split.Modified(face)] or [face]
+        pieces[index] = tuple(numbers.number_shape(shape) for shape in made)
     if numbers.count > count:  # a piece that the solid has not
         return None
     return found[0], pieces

@@ -80,8 +80,8 @@ def read_products(path: Path) -> list[PlacedProduct]:
         found.append(
             PlacedProduct(
                 path=[
-                    _label_name(each.Label) or _label_name(each.RefLabel)
-                    for each in nodes
+                    _label_name(label.Label) or _label_name(label.RefLabel)
+                    for label in nodes
                 ],
                 product=node.RefLabel.Tag(),
                 shape=XCAFDoc_ShapeTool.GetShape_s(node.RefLabel),
@@ -99,7 +99,7 @@ def _label_name(label: Any) -> str:
     name = TDataStd_Name()
     label.FindAttribute(TDataStd_Name.GetID_s(), name)
     return "".join(
-        each for each in name.Get().ToExtString() if each.isprintable()
+        letter for letter in name.Get().ToExtString() if letter.isprintable()
     ).strip()
 
 

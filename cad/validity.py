@@ -61,9 +61,9 @@ def valid_solid(shape: Shape, name: str, chosen: int | str | None = None) -> Sol
             raise InputError(f"{name}: expected {expected}, found {found}")
 
     solid = _single_solid(shape, name, chosen, check)
-    farthest = np.abs([kernel.position(each) for each in kernel.vertices(solid)]).max(
-        initial=0.0
-    )
+    farthest = np.abs(
+        [kernel.position(vertex) for vertex in kernel.vertices(solid)]
+    ).max(initial=0.0)
     expected = f"a solid whose coordinates are numbers of at most {FARTHEST:g} mm"
     check(farthest <= FARTHEST, f"{farthest:.3g} mm", expected)
     size = kernel.diagonal(solid)
@@ -114,7 +114,7 @@ def _single_solid(
 
 def list_solids(found: Sequence[Solid]) -> str:
     """Return number, box and volume of each of several solids; of many, the largest ones."""
-    volumes = [abs(kernel.volume_properties(each).Mass()) for each in found]
+    volumes = [abs(kernel.volume_properties(solid).Mass()) for solid in found]
     order = sorted(range(len(found)), key=lambda k: -volumes[k])
     lines = []
     for k in sorted(order[:_LISTED]):
@@ -149,7 +149,7 @@ def _choose(shape: Shape, name: str, chosen: int | str) -> Shape:
             f'{name}: expected solids that touch, as solid = "all", found {got}; '
             f"take one of {list_solids(found)}"
         )
-    whole = sum(abs(kernel.volume_properties(each).Mass()) for each in found)
+    whole = sum(abs(kernel.volume_properties(solid).Mass()) for solid in found)
     shared = 1.0 - kernel.volume_properties(pieces[0]).Mass() / whole
     also = f"; they overlap by {100.0 * shared:.2g} %" if shared > _OVERLAP else ""
     log.warning("%s: %d solids fused as one part%s", name, len(found), also)
@@ -204,7 +204,7 @@ def _heal(solid: Solid, name: str, check: Callable[..., None]) -> Solid:
 
 def _place(point: np.ndarray) -> str:
     rounded = np.round(point, 4) + 0.0  # no -0
-    return f"({', '.join(f'{each:.6g}' for each in rounded)}) mm"
+    return f"({', '.join(f'{number:.6g}' for number in rounded)}) mm"
 
 
 def find_overlap(
@@ -268,7 +268,9 @@ def count_turns(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     out = np.empty(len(points))
     for k, point in enumerate(points):
         a, b, c = np.moveaxis(corners - point, 1, 0)
-        la, lb, lc = (np.sqrt(np.einsum("ti,ti->t", each, each)) for each in (a, b, c))
+        la, lb, lc = (
+            np.sqrt(np.einsum("ti,ti->t", corner, corner)) for corner in (a, b, c)
+        )
         top = np.einsum("ti,ti->t", a, np.cross(b, c))
         below = (
             la * lb * lc

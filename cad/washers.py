@@ -59,7 +59,7 @@ def select_interfaces(
     rims = [(each, one) for each, some in chosen.items() for one in some if one.washer]
     holes = _list_holes(solid) if rims else []
     pieces = [[face] for face in cad.kernel.faces(solid)]
-    washers: dict[str, list[Face]] = {each: [] for each in chosen}
+    washers: dict[str, list[Face]] = {selector: [] for selector in chosen}
     done: dict[int, tuple[float, Face]] = {}
     for each, one in rims:
         field = f"{name}.{each}"
@@ -147,5 +147,5 @@ def _imprint(
         )
     circle = 1e3 * own.centroid, own.axis, 1e3 * radius
     solid, split = cad.kernel.imprint_circle(solid, face, *circle)
-    pieces[:] = [each for each in pieces if not each.IsSame(face)] + split
+    pieces[:] = [piece for piece in pieces if not piece.IsSame(face)] + split
     return solid, next(filter(is_beside, split))

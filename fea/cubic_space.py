@@ -53,7 +53,7 @@ class Cubic:
         """Return elements, or those chosen (m,), in batches of groups that bound memory."""
         chunks = self.groups
         if chosen is not None:
-            some = [(each, np.flatnonzero(chosen[each.elements])) for each in chunks]
+            some = [(chunk, np.flatnonzero(chosen[chunk.elements])) for chunk in chunks]
             chunks = [
                 Group(each.elements[at], each.table, each.elasticity[at])
                 for each, at in some

@@ -246,7 +246,7 @@ class Forms:
         out = np.zeros((len(move.nodes), 3, system.supports.tie.shape[1]))
         couplings = zip(system.couplings, move.reference_points, strict=True)
         for slot, (coupling, at) in enumerate(
-            each for each in couplings if each[0].kind == "rigid"
+            pair for pair in couplings if pair[0].kind == "rigid"
         ):
             nodes = system.mesh.nodes_of(coupling.faces)
             out[nodes, :, 6 * slot + 3 : 6 * slot + 6] = rigid_modes(

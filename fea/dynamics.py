@@ -295,8 +295,8 @@ def _extrapolate_modes(
         nodal.T @ times(mass.nodes, nodal) + cross + cross.T
     )  # cubics' own is fourth order
     cubic, compliance, error = (
-        each[vibrating, vibrating]
-        for each in (both.cubic, vibration.compliance, vibration.error)
+        matrix[vibrating, vibrating]
+        for matrix in (both.cubic, vibration.compliance, vibration.error)
     )
     squares, turn = eigh(cubic, kinetic)  # one further inverse iteration
     static = np.diagonal(turn.T @ cubic @ turn)
@@ -304,7 +304,7 @@ def _extrapolate_modes(
     bound = np.abs(turn).T @ error @ np.abs(turn) / np.sqrt(np.outer(static, static))
     frequencies = np.sqrt(squares / exact) / (2 * np.pi)
     weight, weight_error = (
-        each[:6, weights].T for each in (found.compliance, found.error)
+        matrix[:6, weights].T for matrix in (found.compliance, found.error)
     )
     return (
         weight,

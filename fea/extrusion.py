@@ -243,8 +243,8 @@ def _follow_walls(surface: Surface, found: Extrusion, project: Project) -> Extru
 
     def on_wall(points: Floats, wall: Ints) -> Floats:
         raised = np.column_stack([points, np.full(len(points), middle)]) @ found.axes
-        for each in np.unique(wall):
-            raised[wall == each] = project(int(each), raised[wall == each])
+        for number in np.unique(wall):
+            raised[wall == number] = project(int(number), raised[wall == number])
         return raised @ found.axes[:2].T
 
     for _ in range(ROUNDS):

@@ -146,7 +146,7 @@ def _of_material(forms: Forms, material: AnyMaterial) -> dict[str, Derivative]:
             dataclasses.replace(material, **{name: value + change})
             for change in (step, -step)
         )
-        above, below = (each.elasticity() for each in near)
+        above, below = (state.elasticity() for state in near)
         unit = "1" if name in RATIOS else "Pa"
         found[name] = forms.of_elasticity((above - below) / (2 * step), value, unit)
     return {**found, "density": forms.of_density(material.density)}

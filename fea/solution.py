@@ -191,7 +191,7 @@ class Solution:
         """
         combine = np.eye(len(self.cubic)) if loads is None else loads
         matrices = self.cubic, self.gain, self.at_edges
-        cubic, gain, at_edges = (combine.T @ each @ combine for each in matrices)
+        cubic, gain, at_edges = (combine.T @ matrix @ combine for matrix in matrices)
         specimen = self.system.specimen
         mesh = self.system.mesh
         remaining = AT_EDGES * at_edges + other * gain

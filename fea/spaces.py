@@ -84,7 +84,7 @@ def tabulate(at: Floats) -> tuple[Floats, Floats]:
     """Return values (q, 20) and gradients (3, q, 20) of the quadratic, then the cubic functions."""
     elements = ElementTetP2(), ElementTetCubic()
     values, slopes = zip(
-        *(each.lbasis(at, i) for each in elements for i in range(10)), strict=True
+        *(element.lbasis(at, i) for element in elements for i in range(10)), strict=True
     )
     return np.stack(values, axis=1), np.stack(slopes, axis=2)
 

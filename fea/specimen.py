@@ -232,8 +232,8 @@ def cure_of(specimen: Specimen, size: float | None = None) -> str:
     """Return advice for fewer elements: a larger size (m), or no small holes if they dominate."""
     size = size or default_size(specimen.volume, specimen.area, specimen.flatness)
     fewer, count = (
-        expected_elements(specimen.surface, specimen.volume, each)
-        for each in (COARSEST * size, size)
+        expected_elements(specimen.surface, specimen.volume, length)
+        for length in (COARSEST * size, size)
     )
     if fewer < 0.6 * count:
         larger = f"{1e3 * COARSEST * size:.2g} mm"

@@ -152,7 +152,9 @@ def _read_dmig(path: Path) -> Read:
     place, named = {point: k for k, point in enumerate(order)}, _named_places(text, "$")
 
     def matrix(first: str) -> Floats | None:
-        name = next((each for each in entries if each.upper().startswith(first)), None)
+        name = next(
+            (entry for entry in entries if entry.upper().startswith(first)), None
+        )
         if name is None:
             return None
         out = np.zeros((len(order), len(order)))
@@ -178,7 +180,7 @@ def _cards(text: str) -> Iterator[list[str]]:
             continue
         wide = "*" in line[:8]
         if "," in line:
-            first, *fields = (each.strip() for each in line.split(","))
+            first, *fields = (word.strip() for word in line.split(","))
         else:
             first = line[:8].strip()
             size = 16 if wide else 8
@@ -209,5 +211,5 @@ def _named_places(text: str, mark: str = "") -> dict[str, tuple[float, ...]]:
     for line in comment.partition("Nodes, x y z in m:")[2].splitlines():
         node = _NODE.match(line)
         if node is not None:
-            found[node[2]] = tuple(float(each) for each in node.groups()[2:])
+            found[node[2]] = tuple(float(group) for group in node.groups()[2:])
     return found

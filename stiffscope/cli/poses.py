@@ -91,9 +91,9 @@ def _displacements(robot: RobotFile, text: str) -> list[float]:
     drives = robot.drives()
     given: dict[str, float] = {}
     for word in text.split(","):
-        name, equals, value = (each.strip() for each in word.partition("="))
+        name, equals, value = (piece.strip() for piece in word.partition("="))
         spellings = (name, f"joints.{name}", name.removeprefix("joints."))
-        name = next((each for each in spellings if each in drives), name)
+        name = next((spelling for spelling in spellings if spelling in drives), name)
         form = f'DRIVE=POSITION,… such as "{" ".join(drives[:1])}=10 mm"'
         require(equals, f"--joints {text}", form, f'"{word}"')
         if name not in drives or name in given:

@@ -111,7 +111,8 @@ class Journal:
                         and {*values}
                     ):  # hashable
                         numbers = tuple(
-                            math.nan if each is None else float(each) for each in found
+                            math.nan if response is None else float(response)
+                            for response in found
                         )
                         yield Design(
                             tuple(values), numbers, str(reason), float(seconds)
@@ -129,7 +130,9 @@ class Journal:
 
     def add(self, design: Design) -> None:
         """Append a design with a single write."""
-        numbers = [None if math.isnan(each) else each for each in design.responses]
+        numbers = [
+            None if math.isnan(response) else response for response in design.responses
+        ]
         self._write([design.values, numbers, design.reason, round(design.seconds, 6)])
 
     def _name(self) -> str:
@@ -147,8 +150,8 @@ class Journal:
             self._stream = self.path.open("ab", buffering=0)
             if not self._stream.tell():
                 columns = [
-                    each.column
-                    for each in (*self._file.variables, *self._file.responses)
+                    variable.column
+                    for variable in (*self._file.variables, *self._file.responses)
                 ]
                 self._write({"study": self._name(), "columns": columns})
             else:

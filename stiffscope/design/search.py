@@ -154,7 +154,7 @@ def _find_optimum(study: StudyFile, evaluate: Evaluate) -> Ending:
     pool = ThreadPoolExecutor(len(starts))
     try:
         tasks = [pool.submit(refine, n, k) for n, k in enumerate(starts, 1)]
-        ends = [each.result() for each in tasks]
+        ends = [task.result() for task in tasks]
     except BaseException:
         evaluate.end()
         raise

@@ -138,9 +138,9 @@ def robot_sensitivity(
     rows = []
     notes = {}
     wanted = [
-        each
-        for each in parameters(robot, components)
-        if names is None or each.name in names
+        candidate
+        for candidate in parameters(robot, components)
+        if names is None or candidate.name in names
     ]
     for parameter in wanted:
         try:
@@ -196,7 +196,7 @@ class _Model:
     ) -> Responses:
         """Return bounds from those of the parts' derivatives; zeros if no experiment changes."""
         varied = self._vary_parts(robot)
-        if not any(each.error.any() for each in varied.values()):
+        if not any(variation.error.any() for variation in varied.values()):
             still = np.zeros_like(middle.stiffness)
             level = np.zeros_like(middle.sag)
             first = np.zeros_like(middle.frequency)

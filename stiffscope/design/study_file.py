@@ -41,7 +41,7 @@ class Variable:
     @property
     def column(self) -> str:
         """Name, with the unit if it is a number."""
-        words = any(isinstance(each, str) for each in self.levels)
+        words = any(isinstance(level, str) for level in self.levels)
         return self.name if words else f"{self.name} [{self.unit}]"
 
     def find_value(self, share: float) -> Value:

@@ -182,12 +182,12 @@ def _read(top: StudySection, source: Source) -> StudyFile:
     for key, name, _ in given:
         other = name.partition(".")[2]
         require(
-            other not in (each[1] for each in given),
+            other not in (value[1] for value in given),
             key,
             "each value once",
             f'"{other}" too',
         )
-    variables = tuple(_read_variable(*each, robot, top) for each in given)
+    variables = tuple(_read_variable(*value, robot, top) for value in given)
     poses: dict[Pose, int] = {}
     wanted = _list_entries(top.responses, ("responses",), ResponseSection)
     find_job = cache(lambda path: load_job(source.path.parent / path, robot))
@@ -243,17 +243,19 @@ def _read_variable(
 ) -> Variable:
     table = given if isinstance(given, dict) else {"range": given}
     found = read_table(RangeSection, table, key)
-    known = {each.name: each for each in parameters(robot, top.components)}
+    known = {
+        parameter.name: parameter for parameter in parameters(robot, top.components)
+    }
     texts = (found.range if found.values is None else found.values) or []
     shown = q.show_value(texts)
     require(found.range is None or len(texts) == 2, key, f"{RANGE}, two ends", shown)
     _check_takes(name, texts, robot, key)
     unit = known[name].unit if name in known else unit_of(texts[0])
     read = _read_number if found.values is None else _read_value
-    values = tuple(read(each, key) for each in texts)
-    alike = len({isinstance(each, str) for each in values}) == 1
+    values = tuple(read(text, key) for text in texts)
+    alike = len({isinstance(value, str) for value in values}) == 1
     require(alike, key, "values that are all numbers or all words", shown)
-    others = [each for each in texts if isinstance(each, str) and unit_of(each) != unit]
+    others = [text for text in texts if isinstance(text, str) and unit_of(text) != unit]
     what = f"{RANGE}, both ends" if found.values is None else "values that are all"
     is_word = isinstance(values[0], str)
     require(is_word or not others, key, f"{what} in {unit}", shown)
@@ -262,7 +264,7 @@ def _read_variable(
     low, high = map(float, values)
     require(low < high, key, f"{RANGE}, the lower end first", shown)
     levels = tuple(
-        round_off(float(each)) for each in np.linspace(low, high, found.steps)
+        round_off(float(level)) for level in np.linspace(low, high, found.steps)
     )
     return Variable(name, unit, levels, low, high)
 
@@ -328,8 +330,8 @@ def _read_response(
     units = known_units(robot) if job is None else along
     with naming_key(*where):
         expression = parse(found.of)
-        for each in expression.names:
-            one_of(each, units, "a quantity")
+        for symbol in expression.names:
+            one_of(symbol, units, "a quantity")
     alone = expression.text if expression.text in units else None
     unit = found.unit
     take = found.take
@@ -344,7 +346,7 @@ def _read_response(
         stated = q.powers_of(unit)
     with suppress(ValueError):  # an index may be a sum of unlike quantities
         measured = expression.powers(
-            {each: q.powers_of(units[each]) for each in expression.names}
+            {symbol: q.powers_of(units[symbol]) for symbol in expression.names}
         )
     example = 'a product of SI units such as "N/m/kg"'
     stated = require_given(stated, of_unit, example, q.show_value(unit))
@@ -384,15 +386,16 @@ def _list_poses(found: ResponseSection, robot: RobotFile, key: Key) -> list[Pose
     )
     chosen = [names] if numeric else names
     out: list[Pose] = []
-    for each in names if isinstance(found.at, str) else chosen:
+    for name in names if isinstance(found.at, str) else chosen:
         with naming_key(*where):
             out.append(
-                read_pose(each, robot.tool, where)
-                if isinstance(each, list)
-                else one_of(each, robot.known_poses, "a pose")
+                read_pose(name, robot.tool, where)
+                if isinstance(name, list)
+                else one_of(name, robot.known_poses, "a pose")
             )
     numbers = [
-        robot.known_poses[each] if isinstance(each, str) else each for each in out
+        robot.known_poses[response] if isinstance(response, str) else response
+        for response in out
     ]
     configurations = configured_poses(robot, rigid_mechanism(robot), numbers)
     for index, valid in enumerate(configurations.valid):

@@ -168,8 +168,8 @@ def _assemble(
     matrices = part_matrices(robot, components, results)
     bare = mechanism_of(robot, matrices)
     mechanism = bare
-    for each in slices().values():
-        for section, change in each.changes:
+    for provider in slices().values():
+        for section, change in provider.changes:
             if getattr(robot, section):
                 mechanism = load(change)(mechanism, robot)
     return Assembled(

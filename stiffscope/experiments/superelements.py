@@ -72,7 +72,9 @@ def write_robot(
         for k, name in enumerate(names):
             held = superelement(mechanism, found[np.array([k])])
             arrays = (held.tool[None], held.stiffness, held.mass)
-            nodes, stiffness, mass = (np.asarray(each, dtype=float) for each in arrays)
+            nodes, stiffness, mass = (
+                np.asarray(array, dtype=float) for array in arrays
+            )
             place = zip(mechanism.tool.pose, found.poses[k], strict=True)
             squares = np.asarray(held.mode_squares, dtype=float)
             text = ROBOT_HELP.format(

@@ -302,7 +302,7 @@ def _show(value: Any, depth: int) -> str:
         lines = [f"{inner}{_show(row, depth + 1)},\n" for row in value]
         return "[\n" + "".join(lines) + outer + "]"
     if isinstance(value, np.ndarray | list | tuple):
-        return "[" + ", ".join(_show(each, depth) for each in value) + "]"
+        return "[" + ", ".join(_show(row, depth) for row in value) + "]"
     if isinstance(value, np.floating | float):
         number = float(value)
         return repr(int(number)) + ".0" if number == 0.0 else repr(number)

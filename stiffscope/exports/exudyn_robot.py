@@ -105,7 +105,7 @@ def frame_along(directions: Any) -> tuple[Any, list[int]]:
     """Return axes (3, 3) and flags of those along some directions; the unit axes if they will do."""
     projector = directions @ directions.T
     if np.abs(projector - np.diag(np.diag(projector))).max(initial=0.0) < 1e-9:
-        return np.eye(3), [int(each > 0.5) for each in np.diag(projector)]
+        return np.eye(3), [int(share > 0.5) for share in np.diag(projector)]
     axes = np.hstack([directions, null_space(directions.T)])
     if np.linalg.det(axes) < 0.0:
         axes[:, -1] *= -1.0

@@ -186,7 +186,9 @@ def _try(mujoco: Any, order: Order, tuning: Tuning, wanted: Wanted) -> Trial:
     positions = key_positions(mujoco, model, writer.coordinates, found)
     known = wanted.frequencies
     still = _STILL * float(known[np.isfinite(known) & (known > 0.0)].min())
-    spectra = tuple(find_spectrum(mujoco, model, each, still) for each in positions)
+    spectra = tuple(
+        find_spectrum(mujoco, model, position, still) for position in positions
+    )
     soft = [
         _deviate(spectrum.compliance, right)
         for spectrum, right in zip(spectra, wanted.compliance, strict=True)
@@ -241,7 +243,9 @@ def _finish(mujoco: Any, order: Order, trial: Trial, wanted: Wanted) -> Exported
         "tool": order.asked.configurations.tool,
         "sag": sag(linear_drives(mechanism), order.asked.configurations),
         "frequencies": wanted.frequencies,
-        "exported_frequencies": [each.frequencies[:count] for each in trial.spectra],
+        "exported_frequencies": [
+            spectrum.frequencies[:count] for spectrum in trial.spectra
+        ],
         "deviation": {"compliance": trial.compliance, "frequency": trial.frequency},
     }
     rows = (

@@ -150,7 +150,7 @@ def all_keys() -> dict[str, dict[str, list[Key]]]:
             others.setdefault(kind, {}).update(_section_keys(kind, load(tables)))
     campaign = others["campaign"]
     quantities = _meanings()["quantities at M"].items()
-    campaign["quantities at M"] = [Key(*each) for each in quantities]
+    campaign["quantities at M"] = [Key(*quantity) for quantity in quantities]
     campaign["effects"] = []
     for name, parameters in EFFECTS.items():
         said = ", ".join(f"{parameter} ({unit})" for parameter, unit in parameters[:9])
@@ -198,9 +198,9 @@ def show_keys(found: dict[str, dict[str, list[Key]]]) -> None:
 
 
 def _said(metadata: Iterable[Any]) -> str:
-    said = (each for each in metadata if isinstance(each, Reads | Says))
+    said = (note for note in metadata if isinstance(note, Reads | Says))
     return next(
-        (each.says if isinstance(each, Reads) else str(each) for each in said), ""
+        (note.says if isinstance(note, Reads) else str(note) for note in said), ""
     )
 
 
@@ -240,7 +240,7 @@ def _default(field: Any, takes: str) -> str:
     if value is None or value is PydanticUndefined or value in ("", (), {}):
         return "–"
     if isinstance(value, tuple):
-        return f"`[{', '.join(f'{each:g}' for each in value)}]`"
+        return f"`[{', '.join(f'{item:g}' for item in value)}]`"
     if isinstance(value, float):
         unit = re.search(r'such as "[\d.]+ ([^"]+)"', takes)
         known = unit and value and measured_quantity(f"1 {unit[1]}")

@@ -185,8 +185,8 @@ def conclude(found: Findings) -> Diagnosis:
         gap,
         effects,
         tuple(
-            replace(each, probability=listed * each.probability)
-            for each in _alternatives(found, reported if effects else None)
+            replace(alternative, probability=listed * alternative.probability)
+            for alternative in _alternatives(found, reported if effects else None)
         ),
         locate_residuals(found, reported, beyond=beyond),
         *find_next(found, effects, is_open=judgement.verdict == "ambiguous"),
@@ -447,7 +447,7 @@ def _gap(found: Findings, reported: Hypothesis, held_out: Array) -> Gap:
         held_out,
         np.ones(len(held_out)),
     )
-    sizes = (found.sigma * each for each in residuals)
+    sizes = (found.sigma * residual for residual in residuals)
     return Gap(
         nominal=found.percent_rms(none),
         explained=explained,

@@ -120,7 +120,7 @@ def _compare_levels(before: ResponseState, after: ResponseState) -> _Levels:
         np.maximum(np.abs(block.read(state.lines)), block.sigma)
         for state in (before, after)
     )
-    first, last = (_DECIBEL * (np.log(each) - level)[heard] for each in predicted)
+    first, last = (_DECIBEL * (np.log(mode) - level)[heard] for mode in predicted)
     noise = _DECIBEL * (block.sigma / np.where(heard, size, 1.0))[heard]
     return _Levels(first, last, noise)
 
@@ -129,7 +129,9 @@ def _pair_modes(
     before: Sequence[ResponseState], after: Sequence[ResponseState]
 ) -> Iterator[ResponseModes]:
     """Yield the measured modes of all blocks of a set-up with the computed ones of the same shape."""
-    responses = [each for state in before for each in state.block.measured.responses]
+    responses = [
+        response for state in before for response in state.block.measured.responses
+    ]
     spread, measured = _spread_lines(responses)
     peaks = find_peaks(spread)
     hertz = spread[0].frequency[peaks]
@@ -146,11 +148,11 @@ def _spread_lines(responses: Sequence[Response]) -> tuple[list[Response], Flags]
 
     Between its own lines a response is interpolated, beyond them it is zero.
     """
-    hertz = np.unique(np.concatenate([each.frequency for each in responses]))
+    hertz = np.unique(np.concatenate([response.frequency for response in responses]))
     measured = np.array(
         [
-            (hertz >= each.frequency[0]) & (hertz <= each.frequency[-1])
-            for each in responses
+            (hertz >= response.frequency[0]) & (hertz <= response.frequency[-1])
+            for response in responses
         ]
     )
     pairs = zip(responses, measured, strict=True)
@@ -218,7 +220,7 @@ def _rms(values: Array) -> float:
 def _sizes(levels: Sequence[_Levels]) -> list[float]:
     """Return the rms of differences before, after, and by noise."""
     return [
-        _rms(np.concatenate([getattr(each, side) for each in levels]))
+        _rms(np.concatenate([getattr(level, side) for level in levels]))
         for side in ("before", "after", "noise")
     ]
 

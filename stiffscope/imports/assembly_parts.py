@@ -89,11 +89,13 @@ def choose_materials(
     known = {name.lower(): name for name in MATERIALS}
     known |= {word.lower(): name for word, name in DESIGNATIONS.items()}
     words = [
-        word.lower() for each in solids for word in (each.name, each.product.material)
+        word.lower()
+        for solid in solids
+        for word in (solid.name, solid.product.material)
     ]
     rules = list[tuple[str, str]]()
     for text in said:
-        pattern, equals, name = (each.strip() for each in text.partition("="))
+        pattern, equals, name = (piece.strip() for piece in text.partition("="))
         where = place_of("--material", text)
         names = ", ".join(MATERIALS)
         valid = equals and name.lower() in known
@@ -107,7 +109,7 @@ def choose_materials(
     for number in parts:
         word = solids[number].product.material.lower()
         own = [each for each in (solids[number].name.lower(), word) if each]
-        named = [each for each in rules if fnmatch.filter(own, each[0])]
+        named = [candidate for candidate in rules if fnmatch.filter(own, candidate[0])]
         if named:
             found[number] = sorted(named, key=lambda rule: rule[0] in own)[-1][1]
         elif word in known:
@@ -174,8 +176,8 @@ def write_import(
             written = json.dumps(asdict(record), ensure_ascii=False)
             (trial / RECORD).write_text(written, encoding="utf-8")
         folder.mkdir(exist_ok=True)
-        for each in sorted(trial.iterdir()):
-            each.replace(folder / each.name)
+        for file in sorted(trial.iterdir()):
+            file.replace(folder / file.name)
     write_bytes(out, content)
 
 

@@ -132,6 +132,6 @@ def import_(
         materials=said["material"],
         loops=loops,
     )
-    driven = ", ".join(each.partition("=")[0].strip() for each in drives) or "none"
+    driven = ", ".join(drive.partition("=")[0].strip() for drive in drives) or "none"
     counts = f"{count_model(read)} (driven: {driven})"
     emit(output, model_json(read, goal), lambda: show_written(read, goal, counts))

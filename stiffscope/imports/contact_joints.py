@@ -126,7 +126,7 @@ def _bonds_of(
 def _held_by(contact: Contact, hardware: Hardware, scale: float) -> Array | None:
     """Return the constraint rows (m, 6) of a contact, considering hardware; None if it has none."""
     ends = contact.first, contact.second
-    roles = [hardware.roles.get(each, "") for each in ends]
+    roles = [hardware.roles.get(end, "") for end in ends]
     bearing = next(
         (n for n, role in enumerate(roles) if role in {"bearing", "ring"}), None
     )
@@ -235,7 +235,7 @@ def find_joints(
     bought = [bond for bond in bonds if hardware.roles.keys() >= {*bond.ends}]
     for cluster in _join(hardware.roles, bought).subsets():
         inside = [bond for bond in bonds if cluster & {*bond.ends}]
-        ends = sorted({each for bond in inside for each in bond.ends} - cluster)
+        ends = sorted({end for bond in inside for end in bond.ends} - cluster)
         for i, j in _pair_up(ends, inside, direct):
             within = (bond for bond in inside if cluster | {i, j} >= {*bond.ends})
             between[i, j] += [bond for bond in within if {*bond.ends} != {i, j}]
@@ -339,12 +339,12 @@ def _tightest(
     rod: int, around: Sequence[Freedom], solids: Sequence[Instance]
 ) -> list[Freedom]:
     """Return the bores that may hold a rod: the tightest, and of equal fits those at its ends."""
-    clearance = {each: _clearance(each) for each in around}
+    clearance = {contact: _clearance(contact) for contact in around}
     least = min(clearance.values())
-    tight = [each for each in around if clearance[each] <= least + _ALIKE]
+    tight = [contact for contact in around if clearance[contact] <= least + _ALIKE]
     if len(tight) < len(around):
         return tight
-    return [each for each in tight if _is_at_end(each, rod, solids)] or tight
+    return [contact for contact in tight if _is_at_end(contact, rod, solids)] or tight
 
 
 def _find_ties(
@@ -487,8 +487,8 @@ def _freedom(
 ) -> Freedom:
     scaled = relative_freedom([(*bond.ends, bond.rows) for bond in bonds], i, j)
     touching = [bond.contact for bond in bonds if bond.contact is not None]
-    round_ = [each for each in touching if each.kind != "plane"] or touching
-    points = [each.point for each in round_] or [
+    round_ = [contact for contact in touching if contact.kind != "plane"] or touching
+    points = [contact.point for contact in round_] or [
         bond.at for bond in bonds if bond.at is not None
     ]
     near = np.mean(points, axis=0)
@@ -553,10 +553,10 @@ def _reason(
     for bond in bonds:
         if bond.label:
             words[bond.label] = 0
-        for each in bond.ends:
-            role = hardware.roles.get(each)
+        for end in bond.ends:
+            role = hardware.roles.get(end)
             if role in {"screw", "bearing", "pin", "ring"}:
-                name = solids[each].name
+                name = solids[end].name
                 words[name if role in name.lower() else f"{role} {name}"] += 0
         if {*bond.ends} == {*pair} and bond.contact is not None:
             radius = (
@@ -596,7 +596,7 @@ def _add_planes(
             kept.append(joint)
             groups.merge(*joint.ends)
 
-    screwed = {each for each in planes if _count_holes(each, solids) > 1}
+    screwed = {side for side in planes if _count_holes(side, solids) > 1}
     for guide in planes:
         if guide.kind == "prismatic" and not _lifts_off(guide, contacts, bodies):
             groups.merge(*guide.ends)
@@ -660,17 +660,20 @@ def _lifts_off(
     plane: Freedom, contacts: Sequence[Contact], bodies: DisjointSet
 ) -> bool:
     """Return whether one of two parts on planes, with its ``bodies``, lifts off the other."""
-    ends = [bodies.subset(each) for each in plane.ends]
-    planes = [each for each in contacts if each.kind == "plane"]
+    ends = [bodies.subset(end) for end in plane.ends]
+    planes = [contact for contact in contacts if contact.kind == "plane"]
     for one, other in (ends, ends[::-1]):
         touching = [
-            each for each in planes if (each.first in one) != (each.second in one)
+            side for side in planes if (side.first in one) != (side.second in one)
         ]
         outward = np.array(
-            [each.axis * (1.0 if each.first in one else -1.0) for each in touching]
+            [
+                contact.axis * (1.0 if contact.first in one else -1.0)
+                for contact in touching
+            ]
         )
         between = outward[
-            [bool({each.first, each.second} & other) for each in touching]
+            [bool({contact.first, contact.second} & other) for contact in touching]
         ]
         if any(nnls(outward.T, -normal)[1] > 1e-3 for normal in between):
             return True

@@ -50,7 +50,7 @@ def doubt_threads(
         )
         doubts.append(Doubt((name,), text, tuple(joint.at)))
 
-    for n in dict.fromkeys(each for bond in bonds for each in bond.ends):
+    for n in dict.fromkeys(end for bond in bonds for end in bond.ends):
         role = hardware.roles.get(n, "")
         name = solids[n].name
         if not is_ambiguous(n, name, hardware):
@@ -143,7 +143,7 @@ def doubt_twins(solids: Solids) -> list[Doubt]:
     found = list[Doubt]()
     for solid in solids:
         places = (*map(float, solid.centre), float(np.cbrt(solid.product.volume)))
-        key = tuple(round(1e6 * each) for each in places)
+        key = tuple(round(1e6 * place) for place in places)
         if key in seen:
             text = "the same solid twice in one place; remove one in CAD"
             found.append(Doubt((seen[key], solid.name), text, places[:3]))

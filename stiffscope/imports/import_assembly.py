@@ -209,7 +209,7 @@ def _import(
     found = _Found(path, solids, hardware, tuple(joints))
     ground = _choose_ground(found, said.ground)
     reached = find_distances(found.joints, ground)
-    loose = {each for joint in found.joints for each in joint.ends} - {
+    loose = {end for joint in found.joints for end in joint.ends} - {
         *reached,
         *hardware.roles,
     }
@@ -326,7 +326,7 @@ def _model(
 ) -> tuple[SimulatorModel, list[PartFile], list[Doubt]]:
     """Return bodies, joints and tool as in a robot file, the elastic parts, and warnings."""
     solids = found.solids
-    moving = sorted({each for joint in found.joints for each in joint.ends} - {ground})
+    moving = sorted({end for joint in found.joints for end in joint.ends} - {ground})
     materials = choose_materials(moving, solids, said.material, path)
     rigid = match_solids(solids, said.rigid, "--rigid")
     estimates = {n: estimate_part(solids[n], MATERIALS[materials[n]]) for n in moving}
@@ -383,10 +383,10 @@ def _model(
     joints = list[ModelJoint]()
     for joint in found.joints:
         first, second = (
-            GROUND if each == ground else ends[each, joint] for each in joint.ends
+            GROUND if end == ground else ends[end, joint] for end in joint.ends
         )
         axis = None if joint.kind in {"fixed", "spherical"} else joint.axis
-        name = "/".join(solids[each].name for each in joint.ends)
+        name = "/".join(solids[end].name for end in joint.ends)
         place = joint.kind, joint.at, axis, joint.axis2
         joints.append(ModelJoint(name, first, second, *place, note=joint.reason))
     last = found.find_joints(tool)[-1]

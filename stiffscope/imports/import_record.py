@@ -105,7 +105,7 @@ def check_place(out: Path) -> ImportRecord | None:
             f"since; import to another file, or --force writes over it"
         )
     for name in (
-        () if is_forced() else sorted(each.name for each in folder.glob("*.step"))
+        () if is_forced() else sorted(path.name for path in folder.glob("*.step"))
     ):
         if earlier is None or name not in earlier.files:
             check_new(folder / name)

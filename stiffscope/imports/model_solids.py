@@ -94,7 +94,7 @@ def add_solids(
         )
     joints = list[ModelJoint]()
     for j in model.joints:
-        first, second = (ends.get((each, j.name), each) for each in (j.first, j.second))
+        first, second = (ends.get((end, j.name), end) for end in (j.first, j.second))
         joints.append(replace(j, first=first, second=second))
     tool = {name: end for (name, _), end in ends.items()}.get(
         model.tool_body, model.tool_body
@@ -122,9 +122,9 @@ def _read_solid(
         {end.get("link") for end in joint}
         for joint in tree.iterfind("joint[@type='fixed']")
     ]
-    heavy = {each.get("name") for each in tree if each.find("inertial") is not None} - {
-        name
-    }
+    heavy = {
+        element.get("name") for element in tree if element.find("inertial") is not None
+    } - {name}
     if len(link.findall("visual")) > 1 or any(
         name in ends and ends & heavy for ends in fixed
     ):
@@ -136,7 +136,7 @@ def _read_solid(
         raise InputError(f'say --material "{name}=NAME" to let it bend')
     tail = re.sub(r"^\w+://", "", file)
     tails = (tail, tail.partition("/")[2])
-    places = (base / each for base in path.absolute().parents for each in tails)
+    places = (base / end for base in path.absolute().parents for end in tails)
     one, *more = read_assembly(next(filter(Path.is_file, places), path.parent / tail))
     if more:
         raise InputError(f"expected one solid, got {1 + len(more)}")

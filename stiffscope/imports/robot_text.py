@@ -64,7 +64,7 @@ def driven(model: SimulatorModel, drives: Sequence[str]) -> dict[str, str]:
     found = {}
     for text in drives:
         where = place_of("--drive", text)
-        name, equals, value = (each.strip() for each in text.partition("="))
+        name, equals, value = (piece.strip() for piece in text.partition("="))
         expected = 'JOINT=STIFFNESS such as "joint1=25 kN*m/rad"'
         require(equals, where, expected, f'"{text}"')
         named = [name] if name in able else fnmatch.filter(able, name)

@@ -56,9 +56,9 @@ def said_beside(path: Path, said: Said) -> Said:
         table, lambda *key: f"{show_path(file)}:{source.line(key)}: {key[0]}"
     )
     lists = {
-        each.name: (*getattr(held, each.name), *getattr(said, each.name))
-        for each in fields(Said)
-        if each.name not in _SINGLE
+        field.name: (*getattr(held, field.name), *getattr(said, field.name))
+        for field in fields(Said)
+        if field.name not in _SINGLE
     }
     return Said(said.ground or held.ground, said.tool or held.tool, **lists)
 
@@ -68,7 +68,7 @@ def said_of(table: Mapping[str, Any], place: Callable[..., str] | None = None) -
 
     Raises InputError if invalid; the message begins with the key's ``place``, if given.
     """
-    known = [each.name for each in fields(Said)]
+    known = [field.name for field in fields(Said)]
     values: dict[str, Any] = {}
     for key, value in table.items():
         where = key if place is None else place(key)
@@ -79,7 +79,7 @@ def said_of(table: Mapping[str, Any], place: Callable[..., str] | None = None) -
         )
         texts = [texts] if isinstance(texts, str) else texts
         listed = isinstance(texts, (list, tuple)) and all(
-            isinstance(each, str) for each in texts
+            isinstance(text, str) for text in texts
         )
         valid = listed and (key not in _SINGLE or len(texts) == 1)
         expected = "a name" if key in _SINGLE else "a list of texts"
@@ -128,9 +128,9 @@ def as_said(
     named = set[frozenset[int]]()
     scale = measure_size(solids)
     for text in said:
-        pair, _, kind = (each.strip() for each in text.rpartition("="))
+        pair, _, kind = (piece.strip() for piece in text.rpartition("="))
         where = place_of("--joint", text)
-        first, _, second = (each.strip() for each in pair.partition("/"))
+        first, _, second = (piece.strip() for piece in pair.partition("/"))
         valid = kind in {*FREE, "none"} and first and second
         kinds = ", ".join((*FREE, "none"))
         require(valid, where, f"A/B=KIND with one of {kinds}", f'"{text}"')
@@ -139,23 +139,23 @@ def as_said(
         )
         pairs = {frozenset(each) for each in product(ones, others)}
         here = defaultdict[frozenset[int], list[Any]](list)
-        for each in (*found, *contacts):
-            both = frozenset((each.first, each.second))
+        for contact in (*found, *contacts):
+            both = frozenset((contact.first, contact.second))
             if both in pairs:
-                here[both].append(each)
+                here[both].append(contact)
         got = f'"{first}" and "{second}", which do not'
         require(here, where, "two solids that touch", got)
         named |= here.keys()
         found = [joint for joint in found if frozenset(joint.ends) not in here]
         if kind != "none":
-            found += [_as_kind(kind, each, scale) for each in here.values()]
+            found += [_as_kind(kind, touching, scale) for touching in here.values()]
     return found, named
 
 
 def _as_kind(kind: str, here: Sequence[Freedom | Contact], scale: float) -> Freedom:
     """Return a joint of a kind between two solids, at the joint found or at the largest contact."""
-    joint: Any = next((each for each in here if isinstance(each, Freedom)), None)
-    touching = [each for each in here if not isinstance(each, Freedom)]
+    joint: Any = next((pair for pair in here if isinstance(pair, Freedom)), None)
+    touching = [pair for pair in here if not isinstance(pair, Freedom)]
     if touching and (joint is None or joint.axis is None):
         best = max(touching, key=lambda c: (c.kind != "plane", c.size))
         ends = best.first, best.second

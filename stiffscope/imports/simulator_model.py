@@ -188,7 +188,7 @@ def _leave_out_impossible(
     for body in bodies:
         if body.mass and violation(body.inertia) > EXCESS:
             left.append(body)
-            given = ", ".join(f"{each:.4g}" for each in body.inertia[SIX])
+            given = ", ".join(f"{moment:.4g}" for moment in body.inertia[SIX])
             note = f"inertia [{given}] of the source is left out: no body has it"
             out.append(replace(body, inertia=np.zeros((3, 3)), note=note))
         else:
@@ -335,7 +335,7 @@ def _tree_joint(source: CompiledModel, number: int) -> ModelJoint | None:
         axis = d.xaxis[number].copy()
         if m.jnt_limited[number]:
             here = float(d.qpos[m.jnt_qposadr[number]])
-            low, high = (float(each) - here for each in m.jnt_range[number])
+            low, high = (float(limit) - here for limit in m.jnt_range[number])
             limits = low, high
         elif m.jnt_range[number, 0] > m.jnt_range[number, 1]:
             source.notes.append(
@@ -350,7 +350,7 @@ def _tree_joint(source: CompiledModel, number: int) -> ModelJoint | None:
         m.dof_armature[dof],
         m.dof_frictionloss[dof],
     )
-    sizes = (float(np.ravel(each)[0]) for each in found)
+    sizes = (float(np.ravel(joint)[0]) for joint in found)
     pairs = zip(_DYNAMICS, sizes, strict=True)
     dynamics = {word: size for word, size in pairs if size}
     return ModelJoint(
@@ -424,7 +424,7 @@ def _describe_coupling(source: CompiledModel, number: int) -> str:
     if not source.is_a(m.eq_type[number], "mjtEq", "mjEQ_JOINT"):
         return "coordinates, which no joint does"
     ends = int(m.eq_obj1id[number]), int(m.eq_obj2id[number])
-    names = [source.label("joint", each) for each in ends if each >= 0]
+    names = [source.label("joint", end) for end in ends if end >= 0]
     return (
         f"the coordinates of joints {' and '.join(names)} (mimic), which no joint does"
     )
@@ -485,7 +485,7 @@ def _are_universal(joints: list[ModelJoint], drives: Sequence[str]) -> bool:
         return False
     if any(
         joint.name in drives
-        or any(fnmatch.filter([joint.name], each) for each in drives)
+        or any(fnmatch.filter([joint.name], drive) for drive in drives)
         for joint in joints
     ):
         return False

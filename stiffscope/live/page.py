@@ -151,19 +151,25 @@ def find_sliders(robot: RobotFile) -> list[Slider]:
     for k, name in enumerate(WRENCH):
         most, unit = (FORCE, "N") if k < 3 else (MOMENT, "N*m")
         out.append(Slider(name, "load", 0.0, -most, most, *SHOWN[unit]))
-    for each in parameters(robot):
-        scale, unit = SHOWN.get(each.unit, (1.0, each.unit.replace("*", "·")))
-        by = 2.0 if each.unit in LENGTHS or each.name.startswith("materials.") else 10.0
-        low, high = sorted((each.value / by, each.value * by))
+    for parameter in parameters(robot):
+        scale, unit = SHOWN.get(parameter.unit, (1.0, parameter.unit.replace("*", "·")))
+        by = (
+            2.0
+            if parameter.unit in LENGTHS or parameter.name.startswith("materials.")
+            else 10.0
+        )
+        low, high = sorted((parameter.value / by, parameter.value * by))
         group = (
-            each.name.split(".")[0] if each.key[0] != "parts" else f"part {each.key[1]}"
+            parameter.name.split(".")[0]
+            if parameter.key[0] != "parts"
+            else f"part {parameter.key[1]}"
         )
         decades = by > 2.0 and low > 0.0
         out.append(
             Slider(
-                name=each.name,
+                name=parameter.name,
                 group=group,
-                value=each.value,
+                value=parameter.value,
                 low=low,
                 high=high,
                 scale=scale,
@@ -329,9 +335,9 @@ def compare_readings(case: Case, assembled: Assembled) -> dict[str, Any]:
     of = [sure & (campaign.sensor == k) for k in range(len(campaign.sensors))]
     sizes = [left[mine] / campaign.sigma[mine] for mine in of]
     drawn = [
-        each
-        for each in marks(campaign, assembled.mechanism)
-        if each["kind"] == "sensor"
+        mark
+        for mark in marks(campaign, assembled.mechanism)
+        if mark["kind"] == "sensor"
     ]
     return {"readings": as_html(shown), "marks": list(map(_mark, drawn, sizes))}
 
@@ -397,8 +403,8 @@ def render_page(
     """Return the page of the live view; its results arrive through the web socket."""
     choices = find_choices(robot)
     groups: dict[str, list[Slider | Choice]] = {}
-    for each in (*sliders, *choices):
-        groups.setdefault(each.group, []).append(each)
+    for slider in (*sliders, *choices):
+        groups.setdefault(slider.group, []).append(slider)
     given = {
         "title": f"{robot.name}: live",
         "groups": groups,

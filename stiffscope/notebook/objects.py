@@ -273,9 +273,11 @@ def _part(shown: Part) -> None:
         ("faces", str(len(shown.faces))),
         ("clamped", _numbers(shown.clamped)),
     ]
-    for each in shown.loaded:
-        place = f"reference point ({point(each.reference_point)}) mm"
-        rows.append((f"loaded: {each.name}", f"{_numbers(each.faces)}; {place}"))
+    for interface in shown.loaded:
+        place = f"reference point ({point(interface.reference_point)}) mm"
+        rows.append(
+            (f"loaded: {interface.name}", f"{_numbers(interface.faces)}; {place}")
+        )
     rows += [
         ("volume", f"{1e6 * properties.volume:.5g} cm³"),
         ("mass", f"{properties.mass:.5g} kg"),
@@ -332,7 +334,7 @@ def _configurations(shown: Configurations) -> None:
 
 
 def _stiffness(shown: Stiffness) -> None:
-    names = [each.name for each in dataclasses.fields(shown)]
+    names = [field.name for field in dataclasses.fields(shown)]
     first = dataclasses.replace(
         shown, **{name: getattr(shown, name)[:MOST] for name in names}
     )
@@ -372,8 +374,8 @@ def _diagnosis(shown: Diagnosis) -> list[Figure]:
 def _fields(shown: Any) -> None:
     """Show every field of a small dataclass, SI."""
     rows = [
-        (each.name, _text(getattr(shown, each.name)))
-        for each in dataclasses.fields(shown)
+        (field.name, _text(getattr(shown, field.name)))
+        for field in dataclasses.fields(shown)
     ]
     title = " ".join(
         [type(shown).__name__, *([shown.name] if hasattr(shown, "name") else [])]
@@ -387,7 +389,7 @@ def _text(value: Any) -> str:
             return f"({vector(value, 6)})"
         return f"{' × '.join(map(str, value.shape))} numbers"
     if dataclasses.is_dataclass(value):
-        names = [each.name for each in dataclasses.fields(value)]
+        names = [field.name for field in dataclasses.fields(value)]
         return ", ".join(f"{name} {_text(getattr(value, name))}" for name in names)
     if isinstance(value, tuple):
         return ", ".join(map(str, value))

@@ -85,7 +85,10 @@ class _Problem:
         both = np.einsum("nij,nkj->nki", turned, wrench).reshape(-1, 6)
         directions = (at.along, at.normal, at.binormal, at.spindle)
         axes = Axes(
-            *(np.einsum("nij,nj->ni", turned, each[some]) for each in directions)
+            *(
+                np.einsum("nij,nj->ni", turned, direction[some])
+                for direction in directions
+            )
         )
         return replace(self.course, tool=tool, axes=axes, wrench=both)
 

@@ -73,7 +73,7 @@ def path_json(
             "shares": {name: share[k] for name, share in state.shares.items()},
             "drives": dict(zip(state.drives, state.forces[k], strict=True)),
             "stress": [
-                {key: getattr(each, key) for key in _STRESS} for each in stresses
+                {key: getattr(stress, key) for key in _STRESS} for stress in stresses
             ],
         },
         "frequencies": {"s": state.length[state.stations], "first": state.first},
@@ -141,7 +141,7 @@ def show_path(
         facts += [("process", f"{forces}, {cut.power:.4g} W"), ("mean chip", chip)]
     if state.freed is not None:
         gain = _gain(state.freed, state).values()
-        single, chosen = (_two(each["rms"], each["greatest"]) for each in gain)
+        single, chosen = (_two(value["rms"], value["greatest"]) for value in gain)
         facts.append(
             (f"free: {', '.join(state.freed.values)}", f"{chosen}; held still {single}")
         )
@@ -226,17 +226,17 @@ def draw_path(state: Along, after: Compensated | None, folder: Path) -> None:
 
 def write_stress(stresses: Sequence[PartStress], folder: Path) -> None:
     """Write stress.vtu and draw stress.png for the most stressed part at the greatest error."""
-    for each in stresses[:1]:
-        mesh = each.tested.experiment.mesh
+    for curve in stresses[:1]:
+        mesh = curve.tested.experiment.mesh
         field = folder / "stress.vtu"
         write_fields(
-            mesh, field, {"displacement": each.displacement, "von_mises": each.stress}
+            mesh, field, {"displacement": curve.displacement, "von_mises": curve.stress}
         )
-        node = int(np.argmin(np.linalg.norm(mesh.points - each.at, axis=1)))
-        stress = f"{1e-6 * each.von_mises:.3g} MPa"
-        title = f"{each.body} ({each.material}) at the greatest error: {stress}"
+        node = int(np.argmin(np.linalg.norm(mesh.points - curve.at, axis=1)))
+        stress = f"{1e-6 * curve.von_mises:.3g} MPa"
+        title = f"{curve.body} ({curve.material}) at the greatest error: {stress}"
         given = {
-            "experiment": each.tested.folder / EXPERIMENT,
+            "experiment": curve.tested.folder / EXPERIMENT,
             "field": field,
             "node": node,
         }

@@ -226,7 +226,7 @@ def _read_plain(path: Path, check: Callable[[str, list[str]], None]) -> Table | 
     plain = len(columns) == found.num_columns and all(
         name == name.strip() for name in names
     )
-    finite = plain and all(np.isfinite(each).all() for each in columns.values())
+    finite = plain and all(np.isfinite(column).all() for column in columns.values())
     if not finite or not 0 < found.num_rows <= MOST_POINTS:
         return None
     check(path.name, names)

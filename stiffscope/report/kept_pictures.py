@@ -165,7 +165,7 @@ def draw_deflection(
 def plain_robot(robot: RobotFile) -> dict[str, Any]:
     """Return the robot file as plain SI data with copies expanded; it determines the pictures."""
     names = (
-        each.name for each in fields(robot) if each.name not in {"source", "copied"}
+        field.name for field in fields(robot) if field.name not in {"source", "copied"}
     )
     content = {name: getattr(robot, name) for name in names}
     plain = {

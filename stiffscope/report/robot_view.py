@@ -63,7 +63,7 @@ def robot_view(
     """
     mechanism = found.mechanism
     nodes = [node for body in mechanism.bodies for node in body.nodes]
-    flat = [case for each in cases for case in each]
+    flat = [case for load in cases for case in load]
     elements = sorted({element for case in flat for element in case.shares})
     poses: list[dict[str, Any]] = []
     placed = np.zeros((len(names), len(nodes), 12))

@@ -114,8 +114,8 @@ def show_full_matrices(
     scale = np.full((6, 6), 1e-3)
     scale[:3, :3] = 1e-6
     bounds, soft = (
-        np.zeros_like(state.matrix) if each is None else each
-        for each in (bars, soft_bars)
+        np.zeros_like(state.matrix) if bound is None else bound
+        for bound in (bars, soft_bars)
     )
     for i, name in enumerate(names):
         if not len(state.rigid[i]):
@@ -161,7 +161,9 @@ def _scale(stiffness: Any) -> tuple[float, str]:
     notable = diagonals > NEGLIGIBLE * np.nanmax(diagonals, initial=0.0)
     least = np.min(diagonals, where=notable, initial=np.inf)
     powers = ((1e6, "10⁶ "), (1e3, "10³ "))
-    factor, power = next((each for each in powers if least >= 0.1 * each[0]), (1.0, ""))
+    factor, power = next(
+        (exponent for exponent in powers if least >= 0.1 * exponent[0]), (1.0, "")
+    )
     return factor, f"{power}N/m, {power}N·m/rad, {power}N"
 
 

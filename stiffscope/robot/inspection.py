@@ -447,7 +447,7 @@ def inspection_json(found: Inspection) -> dict[str, Any]:
         "degrees_of_freedom": {
             "mechanism": m.dof,
             "tool": len(m.tool),
-            "tool_motions": [str(each) for each in m.tool],
+            "tool_motions": [str(motion) for motion in m.tool],
             "coordinates": dict(m.coordinates),
             "joint_freedoms": m.freedoms,
             "loops": len(m.loops),
@@ -459,7 +459,7 @@ def inspection_json(found: Inspection) -> dict[str, Any]:
                 "loops": r.loops,
                 "bodies": r.bodies,
                 "joints": r.joints,
-                "directions": [str(each) for each in r.directions],
+                "directions": [str(direction) for direction in r.directions],
             }
             for r in m.redundancies
         ],
@@ -467,7 +467,7 @@ def inspection_json(found: Inspection) -> dict[str, Any]:
             {"count": i.count, "bodies": i.bodies, "joints": i.joints, "motion": str(i)}
             for i in m.idle
         ],
-        "undriven_motions": [str(each) for each in m.loose],
+        "undriven_motions": [str(motion) for motion in m.loose],
         "redundant_drives": {"count": m.redundant_drives, "names": m.dependent_drives},
         "conditioning": m.conditioning,
         "constraint_margin": m.constraint_margin,

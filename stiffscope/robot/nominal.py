@@ -184,7 +184,7 @@ class NominalRobot:
 
     def __reduce__(self) -> tuple[Any, ...]:
         given = {
-            each.name: getattr(self.robot, each.name) for each in fields(self.robot)
+            item.name: getattr(self.robot, item.name) for item in fields(self.robot)
         }
         plain = {
             name: dict(value)

@@ -155,12 +155,12 @@ def _of_bearings(
 
 def _constants(material: AnyMaterial) -> Iterator[tuple[Key, Any, str]]:
     """Yield the constants of a material."""
-    for each in dataclasses.fields(material):
-        unit = CONSTANTS.get(each.name.rpartition("_")[2])
+    for field in dataclasses.fields(material):
+        unit = CONSTANTS.get(field.name.rpartition("_")[2])
         if unit:
             yield (
-                ("materials", material.name, each.name),
-                getattr(material, each.name),
+                ("materials", material.name, field.name),
+                getattr(material, field.name),
                 unit,
             )
 

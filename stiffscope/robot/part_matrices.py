@@ -128,12 +128,12 @@ def part_sources(
             name in used, "components", f"parts among {', '.join(used)}", f"{name!r}"
         )
     known = get_args(Source)
-    for each in (word, *given.values()):
+    for source in (word, *given.values()):
         require(
-            not isinstance(each, str) or each in known,
+            not isinstance(source, str) or source in known,
             "components",
             f"{', '.join(known)} or a matrix",
-            repr(each),
+            repr(source),
         )
     sources: dict[str, str | np.ndarray] = {}
     for name in used:
@@ -360,7 +360,7 @@ def published_matrix(name: str) -> np.ndarray:
 def read_published(name: str) -> dict[str, Any]:
     """Return the content of `data/published/<name>.toml`; raise InputError if it does not exist."""
     path = FOLDER / "published" / f"{name}.toml"
-    known = sorted(each.stem for each in path.parent.glob("*.toml"))
+    known = sorted(file.stem for file in path.parent.glob("*.toml"))
     require(name in known, "data/published", f"one of {', '.join(known)}", f"{name!r}")
     return tomllib.loads(path.read_text(encoding="utf-8"))
 

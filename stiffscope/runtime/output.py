@@ -359,8 +359,8 @@ def _list_files(folder: Path) -> None:
     for place, _, _ in os.walk(folder, topdown=False):
         if Path(place) != folder and not any(Path(place).iterdir()):
             Path(place).rmdir()
-    files = [each for each in folder.rglob("*") if each.is_file() and each != path]
-    names = sorted(each.relative_to(folder).as_posix() for each in files)
+    files = [file for file in folder.rglob("*") if file.is_file() and file != path]
+    names = sorted(file.relative_to(folder).as_posix() for file in files)
     sums = {name: file_digest(folder / name) for name in names}
     content = {"made_by": MAKER, **manifest, "files": names, "sha256": sums}
     path.write_text(encodable(to_json(content), "utf-8"), encoding="utf-8")

@@ -343,7 +343,9 @@ def _sheet(path: Path, most: int) -> tuple[list[list[str]], list[int], bool, lis
 
 def _visible(path: Path, book: openpyxl.Workbook) -> list[Any]:
     """Return the sheets that are not hidden; raise InputError if there is none."""
-    shown = [each for each in book.worksheets if each.sheet_state == "visible"]
+    shown = [
+        worksheet for worksheet in book.worksheets if worksheet.sheet_state == "visible"
+    ]
     require(shown, path, "an .xlsx workbook with a sheet not hidden")
     return shown
 
@@ -388,7 +390,7 @@ def _check_formulas(path: Path, stream: BinaryIO, known: Any) -> None:
 def _check_unpacked(path: Path, stream: BinaryIO) -> None:
     """Raise InputError for a workbook that is too large when unpacked, or has a row or tag that is."""
     with zipfile.ZipFile(stream) as book:
-        size = sum(each.file_size for each in book.infolist())
+        size = sum(member.file_size for member in book.infolist())
     most = f"an .xlsx workbook of at most {MOST_BYTES >> 20} MiB unpacked"
     require(size <= MOST_BYTES, path, most, size >> 20)
     most = f"an .xlsx workbook with at most {_MOST_TAGS:,} tags in and beside rows, of at most {_LONGEST:,} characters"
@@ -398,7 +400,7 @@ def _check_unpacked(path: Path, stream: BinaryIO) -> None:
                 continue
             text = book.read(name)
             found = islice(re.finditer(rb"<(?:\w+:)?row\b", text), _LAST_ROW)
-            rows = [0, *(each.start() for each in found), len(text)]
+            rows = [0, *(match.start() for match in found), len(text)]
             count = max(text.count(b"<", *ends) for ends in pairwise(rows))
             is_long = re.search(rb"<[^<>]{%d}" % _LONGEST, text)
             fits = count <= _MOST_TAGS and not is_long

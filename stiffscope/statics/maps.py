@@ -273,7 +273,7 @@ def map_volume(
     grids = np.repeat(layers[:, None], points * points, axis=1)
     grids[..., pose.index(across)] = np.tile(columns, points)
     grids[..., pose.index(up)] = np.repeat(rows, points)
-    every = [configure(mechanism, each) for each in grids]
+    every = [configure(mechanism, grid) for grid in grids]
     if not any(found.valid.any() for found in every):
         raise InputError(
             f"map: no pose is within reach; the first is not: {every[0].reason(0)}"
@@ -313,7 +313,9 @@ def map_volume(
                     if n not in {across, up}
                 },
                 *(value.reshape(*size, 6) for value in (*diagonals, push, sag)),
-                rigid=np.array([len(each) > 0 for each in state.rigid]).reshape(size),
+                rigid=np.array([len(wrenches) > 0 for wrenches in state.rigid]).reshape(
+                    size
+                ),
                 down=bool(weight > 0.0),
                 frequencies=None
                 if sounds is None
@@ -411,15 +413,17 @@ def map_columns(found: StiffnessMap | StiffnessVolume) -> dict[str, Array]:
     """Return columns (n,) of the reachable poses of a map or volume and all quantities there, SI."""
     if isinstance(found, StiffnessMap):
         return _columns_of(found)
-    layers = [_columns_of(each, found.through) for each in found.maps]
-    return {name: np.concatenate([each[name] for each in layers]) for name in layers[0]}
+    layers = [_columns_of(layer, found.through) for layer in found.maps]
+    return {
+        name: np.concatenate([layer[name] for layer in layers]) for name in layers[0]
+    }
 
 
 def _columns_of(found: StiffnessMap, *third: str) -> dict[str, Array]:
     across, up = np.meshgrid(found.columns, found.rows)
     columns = {found.across: across, found.up: up}
     columns |= {name: np.full(across.shape, found.at[name]) for name in third}
-    columns |= {each.column: each.values for each in list_quantities(found)}
+    columns |= {quantity.column: quantity.values for quantity in list_quantities(found)}
     return {name: values[found.reached] for name, values in columns.items()}
 
 
@@ -434,8 +438,12 @@ def to_dataset(found: StiffnessMap, title: str = "") -> xr.Dataset:
 
     over = (found.up, found.across)
     variables = {
-        each.name: (over, each.values, {"units": each.unit, "long_name": each.words})
-        for each in list_quantities(found)
+        quantity.name: (
+            over,
+            quantity.values,
+            {"units": quantity.unit, "long_name": quantity.words},
+        )
+        for quantity in list_quantities(found)
     }
     swept = {
         found.across: (found.across, found.columns),
@@ -468,5 +476,5 @@ def volume_dataset(
         return to_dataset(found, title)
     import xarray as xr
 
-    maps = [to_dataset(each, title) for each in found.maps]
+    maps = [to_dataset(layer, title) for layer in found.maps]
     return xr.concat(maps, dim=found.through, combine_attrs="override")

@@ -252,8 +252,8 @@ def configure_chunks(
         points = _without_welded(solver.linkage, points)
     home = mechanism.tool.home if given == "tool" else 0.0
     yield from (
-        _configurations(solver, each)
-        for each in follow_paths(solver, points - home, size)
+        _configurations(solver, path)
+        for path in follow_paths(solver, points - home, size)
     )
 
 
@@ -341,7 +341,7 @@ def _place_text(coordinate: str, value: float) -> str:
 
 def _range_text(joint: Joint, value: float) -> str:
     ends = (joint.drive.low, joint.drive.high) if joint.drive else (-np.inf, np.inf)
-    here, low, high = (_value_text(joint, each) for each in (value, *ends))
+    here, low, high = (_value_text(joint, end) for end in (value, *ends))
     range_ = f"{low.partition(' ')[0]} to {high}"
     return f"{spell_name('joints', joint.name)}: {here} is outside its range {range_}"
 

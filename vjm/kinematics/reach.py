@@ -57,7 +57,7 @@ def reach(mechanism: Mechanism) -> tuple[Reach, ...]:
     ends = zip(
         names, low.tolist(), high.tolist(), reasons, reasons[len(names) :], strict=False
     )
-    return tuple(Reach(*each) for each in ends)
+    return tuple(Reach(*end) for end in ends)
 
 
 def reach_toward(solver: Solver, goal: Array) -> Array:
@@ -105,8 +105,8 @@ def _faults(solver: Solver, found: Solution) -> list[str]:
     linkage = solver.linkage
     sign = drive_sign(solver, found.placed, solver.closure.rates(found.placed))
     out = [
-        "passes a singular pose" if each * solver.home_sign < 0.0 else ""
-        for each in sign
+        "passes a singular pose" if direction * solver.home_sign < 0.0 else ""
+        for direction in sign
     ]
     beyond: dict[int, list[str]] = {}
     for joint in solver.mechanism.drives:

@@ -352,7 +352,7 @@ def _joint(joint: Joint, first: str, second: str) -> Element:
         elif joint.type.driven is not None:
             compliance += np.outer(screw, screw) / joint.resistance
         else:
-            sprung += [each / np.sqrt(joint.resistance) for each in screws]
+            sprung += [column / np.sqrt(joint.resistance) for column in screws]
     factor = np.hstack([_factor(compliance), _columns(sprung)])
     # a rail that slides through a bearing guides it along its own axes
     is_rail = joint.is_on_first and joint.type.is_steady

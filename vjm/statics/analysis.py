@@ -107,7 +107,7 @@ class Stiffness(Labelled):
         """Stiffness 1/C_ii (n, 6) of each direction with all others free: a push; NaN if rigid."""
         soft = np.einsum("nii->ni", self.compliance)
         out = 1.0 / np.where(soft > 0.0, soft, np.nan)
-        counts = np.array([len(each) for each in self.rigid], dtype=int)
+        counts = np.array([len(wrenches) for wrenches in self.rigid], dtype=int)
         for count in set(counts.tolist()) - {0}:
             some = np.flatnonzero(counts == count)
             rigid = np.array([self.rigid[k] for k in some])
@@ -131,7 +131,7 @@ class Stiffness(Labelled):
     def finite(self) -> Array:
         """Stiffness (n, 6, 6); if infinite, 1/C_ii: each direction with all others free."""
         out = self.matrix.copy()
-        stuck = np.flatnonzero([len(each) for each in self.rigid])
+        stuck = np.flatnonzero([len(wrenches) for wrenches in self.rigid])
         alone = self.alone[stuck]
         out[stuck] = np.where(np.eye(6, dtype=bool), alone[:, None], np.nan)
         return out
@@ -486,7 +486,7 @@ def _invert_compliance(order: Order, where: Places, gravity: Gravity) -> Array:
     known = np.flatnonzero(np.isfinite(yielding).all(axis=(1, 2)))
     own = own_compliance(order.mechanism, order.length)
     rigid = rigid_wrenches(yielding[known], order.length, own)
-    firm = known[[not len(each) for each in rigid]]
+    firm = known[[not len(wrenches) for wrenches in rigid]]
     matrix[firm] = _invert_scaled(yielding[firm])
     return np.concatenate([matrix, found], axis=2)
 

@@ -163,7 +163,8 @@ def _name_wrenches(wrenches: Array) -> str:
     """Return the directions that wrenches (k, 6) span."""
     space = np.linalg.qr(wrenches.T)[0]
     return ", ".join(
-        _name_rigid(each) for each in name_directions(space, "force", "moment", 1.0)
+        _name_rigid(direction)
+        for direction in name_directions(space, "force", "moment", 1.0)
     )
 
 

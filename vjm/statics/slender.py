@@ -65,7 +65,7 @@ def find_thrusts(mechanism: Mechanism, poses: Poses) -> dict[str, tuple[float, f
     forces = map_chunks(mechanism, poses, (len(bodies),), work)
     forces = forces[np.isfinite(forces).all(axis=1)]
     largest = (
-        (each[np.argmax(np.abs(each))] for each in forces.T) if len(forces) else ()
+        (force[np.argmax(np.abs(force))] for force in forces.T) if len(forces) else ()
     )
     return {
         name: (float(f), float(abs(f) * bends[name]))

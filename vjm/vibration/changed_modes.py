@@ -121,7 +121,7 @@ class SoundModes:
             self.modal.mass[self.moving]
         )
         rows = self.modal.system.inertias
-        return np.vstack([each.matrix[0] @ vectors[each.columns] for each in rows])
+        return np.vstack([row.matrix[0] @ vectors[row.columns] for row in rows])
 
     def _move_masses(self, name: str) -> Array:
         """Return the rates (r, k) of all masses by static unit dislocations of an element."""

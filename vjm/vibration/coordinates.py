@@ -197,7 +197,7 @@ def _pick_rows(rows: Any, index: NDArray[np.intp]) -> Any:
         array = cast("Array", rows)
         return array if len(array) == 1 else array[index]
     if isinstance(rows, list):
-        return [_pick_rows(each, index) for each in cast("list[Any]", rows)]
+        return [_pick_rows(row, index) for row in cast("list[Any]", rows)]
     return {
         key: _pick_rows(each, index)
         for key, each in cast("dict[str, Any]", rows).items()

@@ -183,7 +183,7 @@ def show_sensitivity(found: Sensitivity, names: Sequence[str]) -> None:
                 else np.nan
             )
             share = value / found.at.frequency[index]
-            first = (share * each.frequency[index] for each in (row.by, row.error))
+            first = (share * number.frequency[index] for number in (row.by, row.error))
             massive = ["", "", ""]
             if row.per_kilogram is not None:
                 gains = np.diagonal(row.per_kilogram[index])[:3] / stiffness[:3]
@@ -247,14 +247,14 @@ def rank_rows(found: Sensitivity, index: int) -> list[Row]:
 def _diagonals(found: Sensitivity, row: Row, index: int) -> np.ndarray:
     """Return the effect of a parameter on K's diagonal at a pose, and its bounds (2, 6)."""
     each = np.array(
-        [np.diagonal(each.stiffness[index]) for each in (row.by, row.error)]
+        [np.diagonal(number.stiffness[index]) for number in (row.by, row.error)]
     )
     return each * row.parameter.value / np.diagonal(found.at.stiffness[index])
 
 
 def _pushes(found: Sensitivity, row: Row, index: int) -> np.ndarray:
     """Return the effect of a parameter on 1/C_ii at a pose, and its bounds (2, 6)."""
-    each = np.array([each.push[index] for each in (row.by, row.error)])
+    each = np.array([number.push[index] for number in (row.by, row.error)])
     return each * row.parameter.value / found.at.push[index]
 
 
@@ -286,7 +286,7 @@ def _show_notes(notes: dict[str, str]) -> None:
 
 
 _SCALES = {"m": (1e-3, "mm"), "Pa": (1e9, "GPa"), "1": (1.0, "")} | {
-    each: SHOWN_IN[each][0] for each in ("N/m", "N·m/rad")
+    unit: SHOWN_IN[unit][0] for unit in ("N/m", "N·m/rad")
 }
 
 

@@ -273,7 +273,7 @@ def coordinate(table: Table, header: Header, name: str) -> Array:
         (_PLACE,) if name in AXES[:3] else (_TURN,) if name in AXES else (_PLACE, _TURN)
     )
     unit = " or ".join(
-        {"m": "metres", "rad": "radians"}[each.unit] for each in dimensions
+        {"m": "metres", "rad": "radians"}[dimension.unit] for dimension in dimensions
     )
     values = numbers(table, name, expected=f"a finite number of {unit}")
     values = values * _factor(table, header, name, *dimensions)
@@ -378,7 +378,7 @@ def _check_most(table: Table, column: str, values: Array, dimension: Dimension) 
 def _check_unit(table: Table, header: Header, unit: str, column: str) -> bool:
     """Return whether it is a unit of readings, after a note if it is not."""
     for dimension in (
-        *(each for kind in KINDS for each in kind.dimensions),
+        *(quantity for kind in KINDS for quantity in kind.dimensions),
         q.NUMBER,
     ):
         try:

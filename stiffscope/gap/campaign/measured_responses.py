@@ -186,7 +186,9 @@ def _check_points(
     """Raise InputError for points without responses, responses without points, and unknown bodies."""
     key = ("responses", setup.name, "points")
     used = dict.fromkeys(
-        end.point for each in read.responses for end in (each.force, each.motion)
+        end.point
+        for response in read.responses
+        for end in (response.force, response.motion)
     )
     stated = [point.name for point in setup.points]
     missing = [name for name in used if name not in stated]

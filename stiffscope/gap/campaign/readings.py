@@ -213,7 +213,9 @@ def _read_rows(
     value = numbers(table, "value", empty=planned, expected="a finite reading in SI")
     value = readings_in_si(table, header, "value", value, keys.quantity)
     kind = kind_of(keys.quantity)
-    for called in dict.fromkeys(each.called for each in KINDS if each.is_positive):
+    for called in dict.fromkeys(
+        reading_kind.called for reading_kind in KINDS if reading_kind.is_positive
+    ):
         alike = by_code(lambda each, called=called: each.called == called)
         wrong = alike[keys.quantity] & (value <= 0)
         table.refuse_where(wrong, "value", f"a positive {called}")

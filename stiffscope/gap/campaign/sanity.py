@@ -464,7 +464,7 @@ def _find_jump(
     clipped = clipped - columns @ (columns.T @ clipped)
     before = np.arange(SANITY.side, count - SANITY.side + 1)
     pull, shared = (
-        np.cumsum(each[::-1], axis=0)[::-1][before] for each in (clipped, columns)
+        np.cumsum(doubt[::-1], axis=0)[::-1][before] for doubt in (clipped, columns)
     )
     own = (
         count - before - np.sum(shared**2, axis=1)

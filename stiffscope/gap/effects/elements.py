@@ -81,7 +81,7 @@ def pick_patterns(
 ) -> tuple[list[Parameter], dict[str, Array]]:
     """Return the parameters that some elements have, and each element's patterns (k, 6) of them."""
     own = {name: found[name] for name in place.members}
-    known = [p for p in parameters if any(p.name in each for each in own.values())]
+    known = [p for p in parameters if any(p.name in rows for rows in own.values())]
     return known, {
         n: np.array([own[n].get(p.name, np.zeros(6)) for p in known]) for n in own
     }

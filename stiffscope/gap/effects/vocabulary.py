@@ -33,15 +33,15 @@ def _find_kinds() -> tuple[type[Effect], ...]:
     found: dict[str, type[Effect]] = {}
     for module in pkgutil.iter_modules(stiffscope.gap.effects.__path__):
         if module.name != "vocabulary":
-            for each in vars(
+            for value in vars(
                 importlib.import_module(f"stiffscope.gap.effects.{module.name}")
             ).values():
                 if (
-                    isinstance(each, type)
-                    and issubclass(each, Effect)
-                    and "word" in vars(each)
+                    isinstance(value, type)
+                    and issubclass(value, Effect)
+                    and "word" in vars(value)
                 ):
-                    found[each.word] = each
+                    found[value.word] = value
     return tuple(sorted(found.values(), key=lambda kind: kind.precedence))
 
 

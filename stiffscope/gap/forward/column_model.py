@@ -187,7 +187,7 @@ class ColumnModel:
         None beside parameters, by which a few readings alone may differ.
         """
         c = self.campaign
-        if any(each.effect == "parameter" for each in self.library):
+        if any(candidate.effect == "parameter" for candidate in self.library):
             return np.zeros(len(c), dtype=np.bool_)
         best = np.full(len(c), np.inf)
         for base in c.predictions.values():

@@ -106,7 +106,7 @@ class ElasticState:
     @property
     def _is_displaced(self) -> bool:
         """Whether geometric errors displace the unloaded robot."""
-        changes = (change for each in self.changes for change in each.values())
+        changes = (change for name in self.changes for change in name.values())
         return self.at.is_displaced or any(c.displaces or c.spring for c in changes)
 
     @cached_property

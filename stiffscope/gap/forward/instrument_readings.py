@@ -41,10 +41,10 @@ class InstrumentReadings:
         if sensor not in self._instruments:
             scale = 1.0
             (x, y, z) = np.zeros(3)
-            for each in self.influences:
+            for influence in self.influences:
                 for name in self._names_of(sensor):
-                    scale *= 1.0 + each.gains.get(name, 0.0)
-                    x, y, z = np.array([x, y, z]) + each.turns.get(name, 0.0)
+                    scale *= 1.0 + influence.gains.get(name, 0.0)
+                    x, y, z = np.array([x, y, z]) + influence.turns.get(name, 0.0)
             turn = np.eye(3) + np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
             self._instruments[sensor] = scale * np.kron(np.eye(2), turn)
         return self._instruments[sensor]
@@ -66,7 +66,9 @@ class InstrumentReadings:
     def gain_of(self, name: str) -> float:
         """Return the ratio of shown to true motion of a named instrument."""
         return float(
-            np.prod([1.0 + each.gains.get(name, 0.0) for each in self.influences])
+            np.prod(
+                [1.0 + influence.gains.get(name, 0.0) for influence in self.influences]
+            )
         )
 
     @cached_property

@@ -214,7 +214,7 @@ class JointModel:
 
     def remarks(self, noise: Noise, unexplained: Array) -> tuple[str, ...]:
         """Return remarks on silent responses, and on the static readings' residuals."""
-        silent = [text for each in self.responses for text in find_silent(each)]
+        silent = [text for response in self.responses for text in find_silent(response)]
         count = len(self.readings.campaign)
         if not count:
             return tuple(silent)

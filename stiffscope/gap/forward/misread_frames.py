@@ -43,7 +43,7 @@ def find_misread(at: RobotAtPoses) -> Iterator[tuple[str, InputError]]:
     )
     for name in np.unique(names).tolist():
         part = Instruments(c.select(rows[names == name]))
-        targets = [each[read][names == name] for each in every]
+        targets = [sensor[read][names == name] for sensor in every]
         own = _misfit(part, targets, 1.0)
         if own < _LARGE * size:
             continue

@@ -74,7 +74,7 @@ def _mistaken(nominal: RobotReadings, swap: Swap, noise: Noise) -> list[str]:
             continue
         left = (c.value - nominal.plain_readings, c.value - swap(kind, other))
         now, then = (
-            float(np.sum((each[mine] / noise.sigma[mine]) ** 2)) for each in left
+            float(np.sum((remark[mine] / noise.sigma[mine]) ** 2)) for remark in left
         )
         if then < _OVERTAKES * now and now - then > _EVIDENT:
             better = f"fit far better as {meant}.., with all other motions {held}"

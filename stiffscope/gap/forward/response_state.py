@@ -262,8 +262,8 @@ class _Damping:
             if size:
                 both = joined.get(i, {i}) | joined.get(j, {j})
                 joined.update(dict.fromkeys(both, both))
-        distinct = {min(each): each for each in joined.values()}
-        return [np.array(sorted(each)) for each in distinct.values()]
+        distinct = {min(block): block for block in joined.values()}
+        return [np.array(sorted(block)) for block in distinct.values()]
 
     def couple(self, cluster: Indices, critical: Array) -> Array:
         """Return the damping matrix (n, n) between the modes of a cluster, without its diagonal."""
@@ -466,9 +466,9 @@ class ResponseState:
         turns: Flags = np.any(self.directions[:, 3:] != 0.0, axis=1, keepdims=True)
         return [
             self._project(
-                np.hstack([np.where(turns, 0.0, each), np.where(turns, each, 0.0)])
+                np.hstack([np.where(turns, 0.0, order), np.where(turns, order, 0.0)])
             )
-            for each in (second, third)
+            for order in (second, third)
         ]
 
     @cached_property

@@ -369,7 +369,7 @@ class RobotAtPoses:
         def at_point(
             node: str, wrench: Array, cases: slice, body: str, home: Array
         ) -> Push:
-            node, body = (FOOT if each == GROUND else each for each in (node, body))
+            node, body = (FOOT if name == GROUND else name for name in (node, body))
             return Push(node, wrench, cases, body, where.point(body, home))
 
         yield at_point(END, np.eye(6)[None], _TOOL, END, mechanism.tool.at)

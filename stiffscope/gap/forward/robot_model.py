@@ -121,7 +121,9 @@ class RobotModel:
 
         What the nominal robot lacks hides a slip, a sign or a unit.
         """
-        sound = tuple(each for each in parameters if not each[0].imitates)
+        sound = tuple(
+            parameter for parameter in parameters if not parameter[0].imitates
+        )
         before = self.setting.doubts
         now = self._find_doubts(sound)
         signs = tuple(dict.fromkeys((*before.signs, *now.signs)))
@@ -141,7 +143,7 @@ class RobotModel:
         if self.exact:
             return None
         predictions = (self.predict(), self.predict(parameters))
-        shown = any(each.shows_second_order(rest) for each in predictions)
+        shown = any(prediction.shows_second_order(rest) for prediction in predictions)
         return replace(self, exact=True) if shown else None
 
     def _is_suspect(self, part: str) -> bool:

@@ -249,7 +249,7 @@ def read_question(
 
 def _find_causes(patterns: str, known: tuple[str, ...]) -> tuple[str, ...]:
     found: dict[str, None] = {}
-    for pattern in (each.strip() for each in patterns.split(",")):
+    for pattern in (word.strip() for word in patterns.split(",")):
         glob = "*" if pattern == _ALL else pattern
         matches = [
             n for n in known if any(fnmatchcase(w, glob) for w in (n, *n.split(" @ ")))

@@ -67,7 +67,7 @@ def _describe(
     c = trial.model.campaign
     rows = np.flatnonzero(trial.group == best)
     row = int(rows[0])
-    pose, code, load = (int(each[row]) for each in (c.pose, c.quantity, c.load))
+    pose, code, load = (int(column[row]) for column in (c.pose, c.quantity, c.load))
     if np.isnan(c.poses).any():
         return NextMeasurement(
             separates, gain, pose=c.pose_names[pose], quantity=QUANTITY[code].name

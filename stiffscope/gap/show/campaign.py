@@ -148,7 +148,8 @@ def campaign_json(
         "loads": loads,
         "largest_wrench": dict(zip(WRENCH, largest.tolist(), strict=True)),
         "responses": {
-            each.measured.setup.name: responses_json(each) for each in responses
+            response.measured.setup.name: responses_json(response)
+            for response in responses
         },
     }
 
@@ -177,7 +178,7 @@ def _channels(c: Campaign) -> list[dict[str, Any]]:
         rows.setdefault((c.what(i), kind), []).append(i)
     for (reads, kind), mine in rows.items():
         value, sigma = (
-            each[mine][~np.isnan(each[mine])] for each in (c.value, c.sigma)
+            column[mine][~np.isnan(column[mine])] for column in (c.value, c.sigma)
         )
         low, high = (
             (float(value.min()), float(value.max())) if len(value) else (None, None)

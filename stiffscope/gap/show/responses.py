@@ -216,8 +216,8 @@ def _mark_points(
 ) -> list[dict[str, Any]]:
     """Return an arrow for each direction of force and motion, as `drawing.robot` takes them."""
     known = {node for body in mechanism.bodies for node in body.nodes}
-    forces = dict.fromkeys(each.force for each in measured.responses)
-    motions = dict.fromkeys(each.motion for each in measured.responses)
+    forces = dict.fromkeys(response.force for response in measured.responses)
+    motions = dict.fromkeys(response.motion for response in measured.responses)
     marks = list[dict[str, Any]]()
     for kind, ends in (("load", forces), ("sensor", motions)):
         for end in ends:

@@ -114,11 +114,9 @@ def absolute_sizes(gap: Gap) -> dict[str, tuple[str, ...]]:
 def _group(diagnosis: Diagnosis) -> str:
     """Return the confusable effects, and the reading that would distinguish them."""
     said = ""
-    for each in diagnosis.effects:
-        if each.confused_with:
-            pair = (
-                f"{name(each.effect, each.place)} from {_list_keys(each.confused_with)}"
-            )
+    for effect in diagnosis.effects:
+        if effect.confused_with:
+            pair = f"{name(effect.effect, effect.place)} from {_list_keys(effect.confused_with)}"
             said += f" These readings cannot distinguish {pair}."
     return said and said + _proposal(diagnosis)
 
@@ -231,7 +229,7 @@ def _multiple(parameter: Parameter) -> tuple[float, str]:
         abs(parameter.value), parameter.sigma if math.isfinite(parameter.sigma) else 0.0
     )
     least = _PREFIXES[-1 if greatest else 0]
-    factor, prefix = next((each for each in _PREFIXES if greatest >= each[0]), least)
+    factor, prefix = next((start for start in _PREFIXES if greatest >= start[0]), least)
     return factor, f" {prefix}{unit}"
 
 

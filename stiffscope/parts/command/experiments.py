@@ -126,8 +126,8 @@ def compare(
         return
     robot = load_robot(name, overrides)
     orders = [
-        order_part(robot, each)
-        for each in ((part,) if part is not None else _solids(robot))
+        order_part(robot, solid)
+        for solid in ((part,) if part is not None else _solids(robot))
     ]
     for order in orders:
         check_one_interface(robot, order.name)

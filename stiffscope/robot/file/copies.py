@@ -135,7 +135,7 @@ def _check(tables: Sequence[Mapping[str, Any]], entry: Copies, number: int) -> N
     if not _find_within(names, entry.of):
         split = (name.split(".") for name in names)
         sets = dict.fromkeys(
-            ".".join(each[: n + 1]) for each in split for n in range(len(each))
+            ".".join(word[: n + 1]) for word in split for n in range(len(word))
         )
         known = list_some([*sets]) or "none"
         message = f'expected a set of bodies and joints ({known}), got "{entry.of}"'
@@ -180,7 +180,7 @@ def _turn(table: Any, of: str, new: str, turn: np.ndarray) -> Any:
 def _numbers(values: Any, dimension: q.Dimension, count: int) -> np.ndarray:
     if len(values) != count:
         raise ValueError
-    return np.array([q.to_si(each, dimension, sign="any") for each in values])
+    return np.array([q.to_si(value, dimension, sign="any") for value in values])
 
 
 def tensor(six: Sequence[float] | np.ndarray) -> np.ndarray:

@@ -80,7 +80,7 @@ class RobotFile:
 
     def carries(self, effect: str) -> bool:
         """Return whether the robot has adopted an effect of this kind."""
-        return any(each.effect == effect for each in self.effects)
+        return any(word.effect == effect for word in self.effects)
 
     def part(self, name: str) -> PartSection:
         """Return the section of a part."""

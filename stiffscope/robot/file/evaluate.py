@@ -122,7 +122,7 @@ def _nominal(text: str, key: Key, tolerances: dict[Key, float]) -> str:
     if is_expression(text) or not _MARK.search(text):
         return text
     value, _, width = (
-        each.strip() for each in _MARK.sub("\0", text, count=1).partition("\0")
+        piece.strip() for piece in _MARK.sub("\0", text, count=1).partition("\0")
     )
     factor = _FACTOR.fullmatch(width)
     if factor and float(factor[1]) > 1.0:

@@ -190,7 +190,7 @@ def locate(text: str, names: Mapping[str, Sequence[str]]) -> Override:
         inside = _ways(rest, names.get(section, ())) if section in _NESTED else []
         found.append((section, *(inside[0] if inside else rest.split("."))))
     if not found:
-        known = [each for section in NAMED for each in names.get(section, ())]
+        known = [candidate for section in NAMED for candidate in names.get(section, ())]
         guess = suggest(section, [*known, *TABLES])
         what = (
             f"NAME.KEY=VALUE with a NAME of {list_some(known)} or {', '.join(TABLES)}"

@@ -78,7 +78,9 @@ class Source:
         by = next((self.changed[each] for each in above if each in self.changed), None)
         for table in above[:2]:  # a table that exists only because of an override
             if by is None and len(table) > 1 and table not in self.lines:
-                inside = (each for each in self.changed if each[: len(table)] == table)
+                inside = (
+                    change for change in self.changed if change[: len(table)] == table
+                )
                 by = self.changed.get(next(inside, ()))
         where = by or f"{self.path}:{self.line(key)}"
         others = ", ".join(self.overrides[:3])

@@ -120,7 +120,7 @@ def powers_of(unit: str) -> Powers | None:
 
 
 # What pint answers for usual units: importing it takes as long as a robot's stiffness.
-SI = ("", *(each.unit for each in NAMED))
+SI = ("", *(dimension.unit for dimension in NAMED))
 USUAL = {si: (si, 1.0) for si in SI[1:]} | {
     "mm": ("m", 1e-3),
     "um": ("m", 1e-6),
@@ -322,7 +322,12 @@ def _name_powers(powers: Powers | None) -> str:
         NAMED, key=lambda each: powers_of(each.unit) != powers
     )  # what differs by radians comes later
     alike = next(
-        (each.noun for each in named if fits(powers, powers_of(each.unit))), None
+        (
+            dimension.noun
+            for dimension in named
+            if fits(powers, powers_of(dimension.unit))
+        ),
+        None,
     )
     return alike or f"in {show_powers(powers or PLAIN)}"
 

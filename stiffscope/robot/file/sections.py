@@ -186,14 +186,16 @@ class JointSection(Section):
         """
         if self.bearing is None:
             return np.diag(self._diagonal())
-        total = sum((each.stiffness(axes) for each in self.bearing), np.zeros((6, 6)))
+        total = sum(
+            (bearing.stiffness(axes) for bearing in self.bearing), np.zeros((6, 6))
+        )
         size = np.sqrt(np.diagonal(total).clip(min=0.0))
         free = self.made.free
         driven = self.made.driven if getattr(self, "drive", None) is not None else None
         held = [i for i in range(6) if size[i] > 0.0]
         loose = [AXES[i] for i in range(6) if i not in {*held, *free}]
         stuck = [AXES[i] for i in held if i in free and i != driven]
-        kinds = ", ".join(each.kind for each in self.bearing)
+        kinds = ", ".join(bearing.kind for bearing in self.bearing)
         for wrong, wanted in ((loose, "hold {} too"), (stuck, "leave {} free")):
             form = f"bearings that {wanted.format(', '.join(wrong))}"
             require(not wrong, "bearing", form, kinds)

@@ -135,7 +135,8 @@ def _model_at(model: type[BaseModel], key: Key) -> type[BaseModel]:
     several: list[type[BaseModel]] = []
     for part in key:
         tagged = next(
-            (each for each in several if part == f"tagged-{each.__name__}"), None
+            (section for section in several if part == f"tagged-{section.__name__}"),
+            None,
         )
         field = None if isinstance(part, int) else model.model_fields.get(part)
         if tagged is not None:

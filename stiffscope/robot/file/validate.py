@@ -240,8 +240,8 @@ def _read_body(
         bare = isinstance(part, ParametricPart) and {"base", "tip"} & table.keys()
         if part is not None and part.interface_names and not bare:
             return read_table(sections.InterfaceBody, table, key)
-        elastic = [each for each in table if each in keys_of(sections.ElasticBody)]
-        rigid = [each for each in table if each in keys_of(sections.RigidBody)]
+        elastic = [word for word in table if word in keys_of(sections.ElasticBody)]
+        rigid = [word for word in table if word in keys_of(sections.RigidBody)]
         if "part" in elastic and rigid:
             what = f"no {rigid[0]} of a body with a part, which has its part's"
             raise FieldError((*key, rigid[0]), q.expected(what, table[rigid[0]]))
@@ -318,10 +318,10 @@ def _read_groups(
         )
         if name not in found:
             parts = (
-                members(each, (*above, name))
-                if each in table
-                else [find_element(each, bodies, joints) or each]
-                for each in table[name]
+                members(word, (*above, name))
+                if word in table
+                else [find_element(word, bodies, joints) or word]
+                for word in table[name]
             )
             found[name] = tuple(dict.fromkeys(chain.from_iterable(parts)))
         return found[name]

@@ -180,7 +180,7 @@ def _find_ranges(
         return evaluated.require_map(robot).ranges()
     out: dict[str, tuple[float, float]] = {}
     for text in over:
-        name, _, ends = (each.strip() for each in text.partition("="))
+        name, _, ends = (piece.strip() for piece in text.partition("="))
         require(
             name in robot.tool.pose and name not in out,
             f"--over {text}",

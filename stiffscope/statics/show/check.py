@@ -166,7 +166,8 @@ def _drives(found: Inspection) -> None:
         if joint.drive is not None:
             axis, unit = ("r", "N·m/rad") if joint.turns else ("x", "N/m")
             ends = (
-                _show_limit(axis, each) for each in (joint.drive.low, joint.drive.high)
+                _show_limit(axis, limit)
+                for limit in (joint.drive.low, joint.drive.high)
             )
             rows.append(
                 (joint.name, joint.kind, f"{joint.drive.stiffness:.4g} {unit}", *ends)

@@ -59,7 +59,12 @@ def show_robots(found: RobotComparison) -> None:
             pushes.append(["", f"1/C_{entry[2:]}", _UNITS[k], *pushed])
             unit = "µm" if k < 3 else "µrad"
             sags.append(
-                [name, COORDINATES[k], unit, *(f"{each:.4g}" for each in sag[:, p, k])]
+                [
+                    name,
+                    COORDINATES[k],
+                    unit,
+                    *(f"{value:.4g}" for value in sag[:, p, k]),
+                ]
             )
         rows += pushes
     groups = [["pose"], ["entry", "unit", first, second, "change"]]
@@ -73,12 +78,12 @@ def show_robots(found: RobotComparison) -> None:
 
 def _compare(both: np.ndarray, factor: float) -> tuple[str, str, str]:
     """Return two values in the unit of a table, and the change of the second in percent."""
-    before, after = (float(each) for each in both)
+    before, after = (float(state) for state in both)
     known = np.isfinite(before) and np.isfinite(after) and before
     change = f"{100 * (after / before - 1):+.2f} %" if known else ""
     first, second = (
-        f"{factor * each:.5g}" if np.isfinite(each) else "rigid"
-        for each in (before, after)
+        f"{factor * state:.5g}" if np.isfinite(state) else "rigid"
+        for state in (before, after)
     )
     return first, second, change
 

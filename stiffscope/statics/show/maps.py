@@ -96,7 +96,7 @@ def pick_slices(found: StiffnessMap | StiffnessVolume) -> list[StiffnessMap]:
     """Return a map itself, or the first, middle and last reachable maps of a volume."""
     if not isinstance(found, StiffnessVolume):
         return [found]
-    reached = [each for each in found.maps if each.reached.any()]
+    reached = [layer for layer in found.maps if layer.reached.any()]
     return [reached[k] for k in sorted({0, len(reached) // 2, len(reached) - 1})]
 
 
@@ -302,7 +302,7 @@ def write_volume(found: xr.Dataset, folder: Path) -> None:
 
     order = next(iter(found.data_vars.values())).dims[::-1]
     places = [found[name].to_numpy() for name in order]
-    starts, nexts = np.array([each[:2] for each in places]).T
+    starts, nexts = np.array([place[:2] for place in places]).T
     sizes: Any = {"spacing": (nexts - starts).tolist(), "origin": starts.tolist()}
     image = pv.ImageData(dimensions=tuple(map(len, places)), **sizes)
     for name, values in found.data_vars.items():

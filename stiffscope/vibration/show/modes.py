@@ -86,7 +86,9 @@ def draw_modes(
                 film = {"file": f"{stem}.gif", "frames": frames, "order": order}
                 moving.append(shown | film)
     starts = (
-        (each, k) for each in (moving, stills) for k in range(0, len(each), _TOGETHER)
+        (picture, k)
+        for picture in (moving, stills)
+        for k in range(0, len(picture), _TOGETHER)
     )
     jobs = [each[k : k + _TOGETHER] for each, k in starts]
     common: dict[str, Any] = {**scene_of(assembled), "scale": ENERGY}
