@@ -185,10 +185,10 @@ def place_solids(
     products = []
     instances = []
     for number, (solid, each) in enumerate(zip(solids, told["products"], strict=True)):
-        found = cad.kernel.volume_properties(solid)
-        centre = 1e-3 * cad.kernel.xyz(found.CentreOfMass())
-        inertia = 1e-15 * cad.kernel.inertia(found)
-        volume = 1e-9 * found.Mass()
+        properties = cad.kernel.volume_properties(solid)
+        centre = 1e-3 * cad.kernel.xyz(properties.CentreOfMass())
+        inertia = 1e-15 * cad.kernel.inertia(properties)
+        volume = 1e-9 * properties.Mass()
         products.append(
             Product(
                 number=number,
@@ -307,17 +307,17 @@ def _name_distinct(paths: Sequence[Sequence[str]]) -> list[str]:
         ]
         if len(set(again)) > len(set(own)):
             own = again
-    found = []
+    distinct = []
     counted = dict[str, int]()
     for name in own:
         base = name or "solid"
         counted[base] = counted.get(base, 0) + 1
-        found.append(
+        distinct.append(
             base if own.count(name) == 1 and name else f"{base}{counted[base]}"
         )
-    if len(set(found)) < len(found):
-        found = [f"{name}_{number}" for number, name in enumerate(found, 1)]
-    return found
+    if len(set(distinct)) < len(distinct):
+        distinct = [f"{name}_{number}" for number, name in enumerate(distinct, 1)]
+    return distinct
 
 
 def _cut_path(path: Sequence[str]) -> Sequence[str]:

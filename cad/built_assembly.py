@@ -93,7 +93,7 @@ def _read_joints(
     left_out: list[str],
 ) -> list[BuiltJoint]:
     """Return the connected joints with both ends in the assembly."""
-    found = []
+    joints = []
     for node in (assembly, *assembly.descendants):
         for name, joint in node.joints.items():
             if joint.connected_to is None:
@@ -112,8 +112,8 @@ def _read_joints(
                 (_KINDS[kind], 1e-3 * frame[:3, 3], frame[:3, 2])
                 for kind, frame in frames
             )
-            found.append(BuiltJoint(first, second, label, motions))
-    return found
+            joints.append(BuiltJoint(first, second, label, motions))
+    return joints
 
 
 def _placed(joint: Any) -> Array:

@@ -71,12 +71,12 @@ def find_contacts(
     boxes = np.array([solid.box for solid in solids])
     near = np.all(boxes[:, None, 0] <= boxes[None, :, 1] + PLAY, axis=-1)
     pairs = [(i, j) for i, j in np.argwhere(near & near.T).tolist() if i < j]
-    found: list[Contact] = []
+    contacts: list[Contact] = []
     for done, (i, j) in enumerate(pairs):
-        found += _contacts_of(i, j, solids[i], solids[j])
+        contacts += _contacts_of(i, j, solids[i], solids[j])
         if progress is not None:
             progress("contacts", (done + 1) / len(pairs))
-    return _drop_open(_drop_covered(found))
+    return _drop_open(_drop_covered(contacts))
 
 
 def _drop_covered(contacts: list[Contact]) -> list[Contact]:
@@ -138,20 +138,20 @@ def _contacts_of(i: int, j: int, one: Instance, other: Instance) -> Iterator[Con
         if a.kind != b.kind:
             continue
         if a.kind == "plane":
-            found = _plane(a, b, one, other)
+            plane = _plane(a, b, one, other)
         elif a.kind in {"cylinder", "sphere", "cone"} and a.hollow != b.hollow:
-            found = {"cylinder": _cylinder, "sphere": _sphere, "cone": _cone}[a.kind](
+            plane = {"cylinder": _cylinder, "sphere": _sphere, "cone": _cone}[a.kind](
                 a, b
             )
         else:
             continue
-        if found is not None:
+        if plane is not None:
             own = (
                 (0.0, None)
                 if a.kind == "plane"
                 else (min(a.radius, b.radius), int(a.hollow))
             )
-            yield Contact(i, j, (a.index, b.index), a.kind, *found, *own)
+            yield Contact(i, j, (a.index, b.index), a.kind, *plane, *own)
 
 
 def _meet(box: Array, other: Array, within: float) -> bool:

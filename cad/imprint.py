@@ -99,7 +99,7 @@ def _find_lines(
 
 def _find_spokes(shape: "cad.kernel.Face", face: FaceGeometry) -> list[Array]:
     """Return the directions (3,) of the straight borders of a round face that is not closed."""
-    found = []
+    spokes = []
     for edge in cad.kernel.edges(shape):
         if cad.kernel.is_seam(edge, shape):
             continue
@@ -112,8 +112,8 @@ def _find_spokes(shape: "cad.kernel.Face", face: FaceGeometry) -> list[Array]:
             continue
         out = ends[0] - face.origin
         out = out - face.axis * (face.axis @ out)
-        found.append(out / np.linalg.norm(out))
-    return found
+        spokes.append(out / np.linalg.norm(out))
+    return spokes
 
 
 def _covers(

@@ -124,14 +124,14 @@ class Numbering:
 def _list_distinct(shape: Shape, kind: Any, cast_to: Any) -> list[Any]:
     """Return distinct sub-shapes of a kind, in order of first occurrence."""
     explorer = TopExp_Explorer(shape, kind)
-    found = []
+    distinct = []
     numbers = Numbering()
     while explorer.More():
         item = explorer.Current()
-        if numbers.number_shape(item) == len(found):
-            found.append(cast_to(item))
+        if numbers.number_shape(item) == len(distinct):
+            distinct.append(cast_to(item))
         explorer.Next()
-    return found
+    return distinct
 
 
 def faces(shape: Shape) -> list[Face]:
@@ -285,19 +285,19 @@ def find_interferences(shape: Shape) -> list[tuple[Floats, float]]:
     analyzer.SetShape1(shape)
     analyzer.SelfInterMode = True
     analyzer.Perform()
-    found = []
+    interferences = []
     for result in analyzer.GetCheckResult() if analyzer.HasFaulty() else ():
         some = list(result.GetFaultyShapes1())
         if len(some) > 1:
             search = BRepExtrema_DistShapeShape(some[0], some[1])
             ends = [search.PointOnShape1(1), search.PointOnShape2(1)]
-            found.append((np.mean([xyz(end) for end in ends], axis=0), 0.0))
+            interferences.append((np.mean([xyz(end) for end in ends], axis=0), 0.0))
         else:
             limits = bounds(some[0] if some else shape)
-            found.append(
+            interferences.append(
                 (limits.mean(axis=0), float(np.linalg.norm(np.ptp(limits, axis=0))))
             )
-    return found
+    return interferences
 
 
 def find_fault(shape: Shape) -> Floats | None:
@@ -487,8 +487,8 @@ def common_area(faces: tuple[Face, Face], step: Floats) -> tuple[float, Floats]:
     move = gp_Trsf()
     move.SetTranslation(gp_Vec(*step.tolist()))
     cut = BRepAlgoAPI_Common(faces[0], faces[1].Moved(TopLoc_Location(move)))
-    found = area_properties(cut.Shape() if cut.IsDone() else compound())
-    return float(found.Mass()), xyz(found.CentreOfMass())
+    properties = area_properties(cut.Shape() if cut.IsDone() else compound())
+    return float(properties.Mass()), xyz(properties.CentreOfMass())
 
 
 def common_outline(faces: tuple[Face, Face], step: Floats) -> list[Edge]:

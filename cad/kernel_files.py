@@ -72,12 +72,12 @@ def read_products(path: Path) -> list[PlacedProduct]:
     explorer = XCAFPrs_DocumentExplorer(
         document, XCAFPrs_DocumentExplorerFlags_OnlyLeafNodes
     )
-    found = []
+    products = []
     while explorer.More():
         node = explorer.Current()
         depth = explorer.CurrentDepth()
         nodes = (explorer.Current(level) for level in range(depth + 1))
-        found.append(
+        products.append(
             PlacedProduct(
                 path=[
                     _label_name(label.Label) or _label_name(label.RefLabel)
@@ -90,7 +90,7 @@ def read_products(path: Path) -> list[PlacedProduct]:
             )
         )
         explorer.Next()
-    return found
+    return products
 
 
 def _label_name(label: Any) -> str:

@@ -86,25 +86,25 @@ def select_interfaces(
 
 def _list_holes(solid: "Solid") -> list[_Hole]:
     faces = cad.kernel.faces(solid)
-    found = list[_Hole]()
+    holes = list[_Hole]()
     for plane in face_geometries(solid):
         rims = (
             cad.kernel.round_holes(faces[plane.index]) if plane.kind == "plane" else ()
         )
         for edge, centre, radius in rims:
             form = "plane", 0.0, 1e-3 * centre, 1e-3 * centre, plane.axis, 1e-3 * radius
-            found.append(_Hole(FaceGeometry(plane.index, *form), edge))
-    return found
+            holes.append(_Hole(FaceGeometry(plane.index, *form), edge))
+    return holes
 
 
 def _find_holes(
     holes: Sequence[_Hole], selector: FaceSelector, field: str
 ) -> list[int]:
     """Return indices of holes that meet a selector: centre, radius, normal and face index."""
-    found = match_faces(
+    matches = match_faces(
         [hole.geometry for hole in holes], selector, lambda _face, _point: False
     )
-    if not found:
+    if not matches:
         radii = (
             ", ".join(sorted({mm(hole.geometry.radius) for hole in holes})) or "none"
         )
@@ -113,7 +113,7 @@ def _find_holes(
     return [
         k
         for k, hole in enumerate(holes)
-        if any(hole.geometry is face for face in found)
+        if any(hole.geometry is face for face in matches)
     ]
 
 

@@ -277,11 +277,11 @@ class Forms:
             for coupling, at in zip(system.couplings, reference, strict=True)
             if coupling.kind == "distributed"
         ]
-        found = [np.zeros_like(self.ratio), np.zeros_like(self.ratio)]
+        on_faces = [np.zeros_like(self.ratio), np.zeros_like(self.ratio)]
         slip = np.ptp(velocity[mesh.nodes_of(specimen.clamped)], axis=0).max()
         bedded = modulus is not None and slip > STILL
         if not bedded and not any(slip > STILL for slip in loaded):
-            return found
+            return on_faces
         split = len(self.levels.quadratic)
         above = system.cubic.free
         step = SURFACE_STEP * specimen.volume ** (1 / 3)
@@ -290,7 +290,7 @@ class Forms:
             if bedded and modulus is not None:
                 bedding = springs(moved, specimen.clamped, modulus)
                 for k, level in enumerate(self.fields):
-                    found[k] -= _contract_squares(level.motion, bedding) / (2 * sign)
+                    on_faces[k] -= _contract_squares(level.motion, bedding) / (2 * sign)
             if loaded:
                 couplings = tuple(
                     replace(
@@ -307,11 +307,11 @@ class Forms:
                     + cubic.T @ self.levels.motion[split:]
                 )
                 for each, work in zip(
-                    found, (first, nodal.T @ self.levels.quadratic), strict=True
+                    on_faces, (first, nodal.T @ self.levels.quadratic), strict=True
                 ):
                     each[: self.wrenches] += work / (2 * sign)
                     each[:, : self.wrenches] += work.T / (2 * sign)
-        return found
+        return on_faces
 
     @cached_property
     def mass_rates(self) -> Floats:

@@ -312,8 +312,8 @@ def interface_error(specimen: Specimen, mesh: TetMesh) -> tuple[float, float]:
         )
         if lost > LOST * wanted:
             return np.inf, np.inf
-        found = centroid(mesh.points[mesh.facets_of(interface)])
-        shift = np.linalg.norm(found - centroid_of(faces)) / np.sqrt(wanted)
+        centre = centroid(mesh.points[mesh.facets_of(interface)])
+        shift = np.linalg.norm(centre - centroid_of(faces)) / np.sqrt(wanted)
         worst = np.maximum(worst, [abs(areas[numbers].sum() / wanted - 1), shift])
     return float(worst[0]), float(worst[1])
 

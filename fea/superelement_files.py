@@ -206,10 +206,10 @@ def _number(text: str) -> float:
 
 def _named_places(text: str, mark: str = "") -> dict[str, tuple[float, ...]]:
     """Return names and places from the lines, beginning with a mark, after "Nodes, x y z in m:"."""
-    found: dict[str, tuple[float, ...]] = {}
+    named_places: dict[str, tuple[float, ...]] = {}
     comment = "\n".join(line for line in text.splitlines() if line.startswith(mark))
     for line in comment.partition("Nodes, x y z in m:")[2].splitlines():
         node = _NODE.match(line)
         if node is not None:
-            found[node[2]] = tuple(float(group) for group in node.groups()[2:])
-    return found
+            named_places[node[2]] = tuple(float(group) for group in node.groups()[2:])
+    return named_places

@@ -153,7 +153,7 @@ def study(
     try:
         on: Any = {"workers": processors(), "scheduler": scheduler}
         with progress(quiet=output.quiet) as open_line:
-            found = run_study(
+            result = run_study(
                 file, store, open_line("study"), **on, part=share or WHOLE
             )
     except (KeyboardInterrupt, Stopped) as error:
@@ -162,12 +162,12 @@ def study(
             raise
         kept = f"{count} finished designs are kept in {store}"
         raise Stopped(f"stopped; {kept}, the same command goes on") from error
-    _emit_study(found, output, manifest, [store])
+    _emit_study(result, output, manifest, [store])
     if not remove_copied(store, out, f"{DESIGNS}/"):
         log.warning("%s: holds files that %s does not; they stay there", store, out)
-    reason = found.designs.reasons.get(0, "")
+    reason = result.designs.reasons.get(0, "")
     require(
-        share is not None or not found.outcomes.failed.all(),
+        share is not None or not result.outcomes.failed.all(),
         file.path,
         "a design that can be computed",
         f"none; the first: {reason}",

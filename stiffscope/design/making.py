@@ -253,10 +253,10 @@ def make_design(file: StudyFile, values: Values | None) -> Design:
     begun = time.perf_counter()
     again = False
     reason = ""
-    found = file.no_responses
+    responses = file.no_responses
     with _alone, threadpool_limits(1):  # the same order of summation on any machine
         try:
-            found = _respond(file, values)
+            responses = _respond(file, values)
         except InputError as error:
             reason = str(error)
         except Exception as error:  # noqa: BLE001
@@ -264,7 +264,7 @@ def make_design(file: StudyFile, values: Values | None) -> Design:
             reason = f"{type(error).__name__}: {error}"
     return Design(
         values or (),
-        found,
+        responses,
         " ".join(reason.split()),
         time.perf_counter() - begun,
         again,
@@ -304,9 +304,11 @@ def _respond(file: StudyFile, values: Values | None) -> tuple[float, ...]:
         }
         known[job] = _follow_path(replace(job, robot=robot), assembled, asked)
     if names:
-        found = configure(assembled.mechanism, file.poses_of(robot)).require_valid()
+        configurations = configure(
+            assembled.mechanism, file.poses_of(robot)
+        ).require_valid()
         known[None] = quantities(
-            names, assembled.mechanism, found, assembled.matrices, mass
+            names, assembled.mechanism, configurations, assembled.matrices, mass
         )
     answers = tuple(response.value(known[response.job]) for response in file.responses)
     for response, value in zip(file.responses, answers, strict=True):

@@ -128,7 +128,7 @@ def of_modes(quantity: str) -> bool:
 def quantities(
     names: Collection[str],
     mechanism: Mechanism,
-    found: Configurations,
+    configurations: Configurations,
     parts: Mapping[str, PartMatrix],
     mass: float,
 ) -> dict[str, np.ndarray]:
@@ -136,24 +136,24 @@ def quantities(
 
     Parameters
     ----------
-    names, mechanism, found
+    names, mechanism, configurations
         Names of the quantities, and mechanism with its n configurations.
     parts, mass
         The parts' matrices by name, and mass of the robot's solids, kg.
     """
-    n = len(found)
+    n = len(configurations)
     out: dict[str, np.ndarray] = {}
     wanted = {ENTRIES[name][0] for name in names if name in ENTRIES}
     matrices = {"K": statics.stiffness, "C": statics.compliance}
-    tool = {kind: matrices[kind](mechanism, found) for kind in wanted}
+    tool = {kind: matrices[kind](mechanism, configurations) for kind in wanted}
     sag = (
-        statics.sag(mechanism, found)
+        statics.sag(mechanism, configurations)
         if any(name.startswith("sag") for name in names)
         else None
     )
     modes = None
     if any(map(of_modes, names)):
-        each = frequencies(mechanism, found, MOST_MODES)
+        each = frequencies(mechanism, configurations, MOST_MODES)
         modes = np.sort(np.where(each > FREE, each, np.nan), axis=1)  # NaN last
     for name in names:
         part, _, entry = name.rpartition(".")

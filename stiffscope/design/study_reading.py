@@ -220,7 +220,7 @@ def _list_entries(
     table: dict[str, Any], key: Key, model: type[Section]
 ) -> list[tuple[Key, str, Any]]:
     """Return key, name and value of a table's entries; slider.thickness may be a dotted key."""
-    found: list[tuple[Key, str, Any]] = []
+    entries: list[tuple[Key, str, Any]] = []
 
     def walk(inner: Key, name: str, value: Any) -> None:
         if (
@@ -231,40 +231,40 @@ def _list_entries(
             for word, each in value.items():
                 walk((*inner, word), f"{name}.{word}" if name else word, each)
         else:
-            found.append((inner, name, value))
+            entries.append((inner, name, value))
 
     walk(key, "", table)
     require(table, key, "one entry at least", "none")
-    return found
+    return entries
 
 
 def _read_variable(
     key: Key, name: str, given: Any, robot: RobotFile, top: StudySection
 ) -> Variable:
     table = given if isinstance(given, dict) else {"range": given}
-    found = read_table(RangeSection, table, key)
+    section = read_table(RangeSection, table, key)
     known = {
         parameter.name: parameter for parameter in parameters(robot, top.components)
     }
-    texts = (found.range if found.values is None else found.values) or []
+    texts = (section.range if section.values is None else section.values) or []
     shown = q.show_value(texts)
-    require(found.range is None or len(texts) == 2, key, f"{RANGE}, two ends", shown)
+    require(section.range is None or len(texts) == 2, key, f"{RANGE}, two ends", shown)
     _check_takes(name, texts, robot, key)
     unit = known[name].unit if name in known else unit_of(texts[0])
-    read = _read_number if found.values is None else _read_value
+    read = _read_number if section.values is None else _read_value
     values = tuple(read(text, key) for text in texts)
     alike = len({isinstance(value, str) for value in values}) == 1
     require(alike, key, "values that are all numbers or all words", shown)
     others = [text for text in texts if isinstance(text, str) and unit_of(text) != unit]
-    what = f"{RANGE}, both ends" if found.values is None else "values that are all"
+    what = f"{RANGE}, both ends" if section.values is None else "values that are all"
     is_word = isinstance(values[0], str)
     require(is_word or not others, key, f"{what} in {unit}", shown)
-    if found.values is not None:
+    if section.values is not None:
         return Variable(name, unit, values)
     low, high = map(float, values)
     require(low < high, key, f"{RANGE}, the lower end first", shown)
     levels = tuple(
-        round_off(float(level)) for level in np.linspace(low, high, found.steps)
+        round_off(float(level)) for level in np.linspace(low, high, section.steps)
     )
     return Variable(name, unit, levels, low, high)
 
@@ -321,20 +321,20 @@ def _read_response(
     poses: dict[Pose, int],
     find_job: Callable[[str], Job],
 ) -> Response:
-    found = read_table(
+    section = read_table(
         ResponseSection, {"of": given} if isinstance(given, str) else given, key
     )
     where = (*key, "of") if isinstance(given, dict) else key
-    job = None if found.path is None else find_job(found.path)
+    job = None if section.path is None else find_job(section.path)
     along: dict[str, str] = dict.fromkeys(ALONG_PATH, "m")
     units = known_units(robot) if job is None else along
     with naming_key(*where):
-        expression = parse(found.of)
+        expression = parse(section.of)
         for symbol in expression.names:
             one_of(symbol, units, "a quantity")
     alone = expression.text if expression.text in units else None
-    unit = found.unit
-    take = found.take
+    unit = section.unit
+    take = section.take
     of_unit = (*key, "unit")
     if alone:
         unit = units[alone]
@@ -362,31 +362,33 @@ def _read_response(
         if CRITICAL in expression.names:
             with naming_key(*key, "path"):
                 check_cut(job)
-        take = found.take or ("least" if alone == CRITICAL else "worst")
+        take = section.take or ("least" if alone == CRITICAL else "worst")
         return Response(name, expression, unit, tuple(points.tolist()), take, job)
-    at = [poses.setdefault(pose, len(poses)) for pose in _list_poses(found, robot, key)]
+    at = [
+        poses.setdefault(pose, len(poses)) for pose in _list_poses(section, robot, key)
+    ]
     if len(at) > 1:
         which = "least, greatest, mean, worst or rms: what of several poses counts"
         take = require_given(take, (*key, "take"), which)
     return Response(name, expression, unit, tuple(at), take or "least")
 
 
-def _list_poses(found: ResponseSection, robot: RobotFile, key: Key) -> list[Pose]:
+def _list_poses(section: ResponseSection, robot: RobotFile, key: Key) -> list[Pose]:
     where = (*key, "at")
-    if found.at == "map":
-        return _list_grid(robot, found.points, where)
-    names = list(robot.poses) if found.at is None else found.at
+    if section.at == "map":
+        return _list_grid(robot, section.points, where)
+    names = list(robot.poses) if section.at is None else section.at
     if isinstance(names, str):
         names = [names]
     what = 'names of poses, numbers in a list, or "map"'
     listed = isinstance(names, list) and names
-    require(listed, where, what, q.show_value(found.at))
+    require(listed, where, what, q.show_value(section.at))
     numeric = (
         re.match(r"\s*[-+.\d]", str(names[0])) and names[0] not in robot.known_poses
     )
     chosen = [names] if numeric else names
     out: list[Pose] = []
-    for name in names if isinstance(found.at, str) else chosen:
+    for name in names if isinstance(section.at, str) else chosen:
         with naming_key(*where):
             out.append(
                 read_pose(name, robot.tool, where)
@@ -441,17 +443,17 @@ def _read_limit(text: str, number: int, units: dict[str, str]) -> Limit:
 
 
 def _read_goals(top: StudySection, units: dict[str, str]) -> tuple[Goal, ...]:
-    found = []
+    goals = []
     for word, sign in (("minimize", 1.0), ("maximize", -1.0)):
         for number, name in enumerate(getattr(top, word)):
             with naming_key(word, number):
-                found.append(Goal(one_of(name, units, "a response"), sign))
-    count = len(found)
+                goals.append(Goal(one_of(name, units, "a response"), sign))
+    count = len(goals)
     one = "one response to minimize or maximize for an optimum"
     require(top.method != "optimum" or count == 1, ("method",), one, count)
     two = "two or more to minimize and maximize for pareto"
     require(top.method != "pareto" or count > 1, ("method",), two, count)
-    return tuple(found)
+    return tuple(goals)
 
 
 def _count_designs(top: StudySection, variables: tuple[Variable, ...]) -> int:

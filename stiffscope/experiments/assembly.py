@@ -146,10 +146,12 @@ def check_reach(robot: RobotFile, poses: Mapping[str, Sequence[float]]) -> None:
     """Raise InputError, with the reason, if a pose is out of reach; run no experiment."""
     if not poses:
         return
-    found = configured_poses(robot, rigid_mechanism(robot), list(poses.values()))
+    configurations = configured_poses(
+        robot, rigid_mechanism(robot), list(poses.values())
+    )
     for index, name in enumerate(poses):
-        if not found.valid[index]:
-            reason = found.refusal(index)
+        if not configurations.valid[index]:
+            reason = configurations.refusal(index)
             if name in robot.poses:
                 raise robot.refuse(("poses", name), reason)
             raise InputError(f"{name}: {reason}")
@@ -225,11 +227,11 @@ def at_named_poses(
 ) -> Stiffness:
     """Return stiffness without gravity and sag under gravity; NaN if the tool moves freely."""
     with name_robot(assembled.robot):
-        found = statics.analyse(assembled.mechanism, np.array(list(poses.values())))
-        firm = found.valid & np.isfinite(found.compliance).all(axis=(1, 2))
-        sag = np.full_like(found.sag, np.nan)
-        sag[firm] = statics.sag(assembled.mechanism, found.configurations[firm])
-    return dataclasses.replace(found, sag=sag)
+        state = statics.analyse(assembled.mechanism, np.array(list(poses.values())))
+        firm = state.valid & np.isfinite(state.compliance).all(axis=(1, 2))
+        sag = np.full_like(state.sag, np.nan)
+        sag[firm] = statics.sag(assembled.mechanism, state.configurations[firm])
+    return dataclasses.replace(state, sag=sag)
 
 
 def stiffness_bars(assembled: Assembled, poses: Any) -> np.ndarray | None:

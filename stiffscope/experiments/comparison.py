@@ -118,43 +118,45 @@ def _findings(
     segments = parts_of.beam_segments(robot, name)
     length = sum(length for length, _ in segments)
     section = segments[0][1]
-    found = []
+    findings = []
     if shape.beyond_beam:
         present = " and ".join(shape.beyond_beam)
-        found.append(
+        findings.append(
             f"Beam theory models the bare {shape.shape}: the {present} are in the FEA only"
         )
     for i, axis in ((1, "y"), (2, "z")):
         share = 1 - simple[i, i] / beam[i, i]
         if share > 0.02:
             slender = length / shape.across[i - 1]
-            found.append(
+            findings.append(
                 f"C{i + 1}{i + 1}: shear makes {100 * share:.0f} % of the deflection along {axis}, where the "
                 f"part is only {slender:.2g} times as long as deep; Euler-Bernoulli neglects it"
             )
     narrowing = 1 - fea[4, 4] / beam[4, 4]
     if shape.is_plate and narrowing > 0.03 and not shape.beyond_beam:
-        found.append(
+        findings.append(
             f"C33, C35, C55: a wide plate bends {100 * narrowing:.0f} % less about y than a beam, whose "
             "section is free to contract and expand sideways"
         )
-    found += _torsion(section, material, length, fea[3, 3] / beam[3, 3])
+    findings += _torsion(section, material, length, fea[3, 3] / beam[3, 3])
     if printed is not None and printed[3, 3] < 0.5 * beam[3, 3]:
         over = polar(section).torsion / section.torsion
-        found.append(
+        findings.append(
             f"C44 as published is {fea[3, 3] / printed[3, 3]:.1f} times too stiff: its torsion constant "
             f"is I_y + I_z, {over:.1f} times Saint-Venant's; they are equal for round sections alone"
         )
     if printed is not None and printed[1, 1] < 0.5 * fea[1, 1]:
         over = fea[1, 1] / printed[1, 1]
-        found.append(f"C22 as published is {over:.1f} times too stiff: it has no shear")
-    if not found:
+        findings.append(
+            f"C22 as published is {over:.1f} times too stiff: it has no shear"
+        )
+    if not findings:
         worst = np.max(np.abs(np.diag(fea) / np.diag(beam) - 1))
-        found.append(
+        findings.append(
             f"Beam theory holds: the diagonal is within {100 * worst:.2f} % of Timoshenko's; the clamped "
             "end, which cannot contract sideways, explains such a difference"
         )
-    return found
+    return findings
 
 
 def _torsion(

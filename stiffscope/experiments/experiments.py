@@ -200,7 +200,7 @@ def solve_parts(
         if near is None
         else [CONDENSED, WHOLE, MOVED]
     )
-    found: dict[PartOrder, PartResult] = {}
+    results: dict[PartOrder, PartResult] = {}
     missing: list[PartOrder] = []
     for order in dict.fromkeys(orders):
         begun = time.perf_counter()
@@ -210,14 +210,14 @@ def solve_parts(
         if held is None:
             missing.append(order)
         else:
-            found[order] = replace(held, seconds=time.perf_counter() - begun)
+            results[order] = replace(held, seconds=time.perf_counter() - begun)
     if missing:
         make = partial(_make_part, whole=whole, near=near or {}, skip=skip)
         for order, (folder, seconds) in _make_missing(missing, shop, make).items():
             if folder is not None:
                 made = _read(order, folder, whole=whole, reused=False)
-                found[order] = replace(made, seconds=seconds)
-    return [found[order] for order in orders if order in found]
+                results[order] = replace(made, seconds=seconds)
+    return [results[order] for order in orders if order in results]
 
 
 def _make_missing(

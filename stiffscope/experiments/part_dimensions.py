@@ -146,8 +146,8 @@ def _try_values(
     near = {order.label: nominal.results[name] for order in orders.values()}
     made = solve_parts(list(orders.values()), shop, whole=False, near=near, skip=True)
     results = {result.order: result.compliance for result in made}
-    found: dict[str, dict[float, Array]] = {key: {} for key in values}
+    try_values: dict[str, dict[float, Array]] = {key: {} for key in values}
     for (key, value), order in orders.items():
         if order in results:
-            found[key][value] = results[order]
-    return found
+            try_values[key][value] = results[order]
+    return try_values

@@ -138,7 +138,7 @@ def _leaves(value: Any, name: str = "") -> dict[str, Any]:
             .removeprefix("joints.")
             .removeprefix("bodies."): value
         }
-    found: dict[str, Any] = {}
+    leaves: dict[str, Any] = {}
     for key, each in value.items() if isinstance(value, dict) else enumerate(value):
-        found |= _leaves(each, f"{name}.{key}" if name else str(key))
-    return found
+        leaves |= _leaves(each, f"{name}.{key}" if name else str(key))
+    return leaves

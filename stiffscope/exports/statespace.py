@@ -62,7 +62,7 @@ def list_points(mechanism: Mechanism) -> dict[str, tuple[str | None, Array]]:
 
 def form_state_space(
     mechanism: Mechanism,
-    found: Configurations,
+    configurations: Configurations,
     *,
     damping: float = DAMPING,
     highest: float | None = None,
@@ -73,7 +73,7 @@ def form_state_space(
     ----------
     mechanism
         The robot; its drives hold their commands as springs.
-    found
+    configurations
         One configuration.
     damping
         Damping ratio of every mode.
@@ -99,7 +99,7 @@ def form_state_space(
     ports = [
         Port(node, at, np.eye(6)[k]) for node, at in points.values() for k in range(6)
     ]
-    modal = expand_ports(mechanism, found, ports)
+    modal = expand_ports(mechanism, configurations, ports)
     moving = modal.mass > 0.0
     squares = np.full(len(modal.mass), np.inf)
     squares[moving] = modal.stiffness[moving] / modal.mass[moving]

@@ -164,7 +164,7 @@ def find_keys(wanted: str | None) -> dict[str, dict[str, list[Key]]]:
     every = all_keys()
     if wanted is None or wanted in every:
         return {wanted: every[wanted]} if wanted else every
-    found = {
+    keys = {
         kind: {
             title: rows
             for title, rows in titles.items()
@@ -172,13 +172,13 @@ def find_keys(wanted: str | None) -> dict[str, dict[str, list[Key]]]:
         }
         for kind, titles in every.items()
     }
-    found = {kind: titles for kind, titles in found.items() if titles}
-    if not found:
+    keys = {kind: titles for kind, titles in keys.items() if titles}
+    if not keys:
         titles = [title for titles in every.values() for title in titles]
         guess = suggest(wanted, [*every, *titles], cutoff=0.4)
         expected = f"expected {', '.join(every)} or part of a section's title"
         raise InputError(f'keys: {expected}, got "{wanted}"{guess}')
-    return found
+    return keys
 
 
 def show_keys(found: dict[str, dict[str, list[Key]]]) -> None:

@@ -85,17 +85,17 @@ def adopt(
     output.write_new(target, _text(document, entries).encode())
 
 
-def _multiply_out(found: Sequence[Effect], diagnosis: Diagnosis) -> list[Effect]:
+def _multiply_out(effects: Sequence[Effect], diagnosis: Diagnosis) -> list[Effect]:
     """Return effects with each drive's resulting factor where a set and a member both soften it."""
-    soft = [e for e in found if e.effect == ActuatorStiffness.word]
+    soft = [e for e in effects if e.effect == ActuatorStiffness.word]
     changed = {
         name: drive
         for name, drive in diagnosis.drives.items()
         if drive.seen and drive.value != drive.stated
     }
     if len(soft) < _LEAST_TOGETHER or not changed:
-        return list(found)
-    out = [e for e in found if e not in soft]
+        return list(effects)
+    out = [e for e in effects if e not in soft]
     for name, drive in changed.items():
         factor = Parameter(drive.value / drive.stated, drive.sigma / drive.stated, "1")
         own = {"place": name, "parameters": {"factor": factor}, "errors": {}}
@@ -104,10 +104,10 @@ def _multiply_out(found: Sequence[Effect], diagnosis: Diagnosis) -> list[Effect]
 
 
 def _refusals(
-    bare: NominalRobot, found: Sequence[Effect], *, heavy: bool
+    bare: NominalRobot, effects: Sequence[Effect], *, heavy: bool
 ) -> Iterator[str]:
     """Yield reasons why effects cannot be adopted. heavy: whether the robot's weight will act."""
-    for effect in found:
+    for effect in effects:
         if effect.effect == UNNAMED:
             yield f"{effect.place}: fitted together with the effects, but not a known effect"
             continue

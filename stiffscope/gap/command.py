@@ -97,8 +97,10 @@ def diagnose(
             if diagnosis.responses:
                 gap_tables.write_modes(folder / "modes.csv", diagnosis)
             orders = [order_figures(diagnosis, folder)]
-            if nominal and ahead and (found := configure_case(case, nominal)):
-                orders += order_shares(nominal, diagnosis, found, folder, ahead)
+            if nominal and ahead and (configurations := configure_case(case, nominal)):
+                orders += order_shares(
+                    nominal, diagnosis, configurations, folder, ahead
+                )
             write_pictures(orders, shop.cache, manifest)
 
         def carry() -> None:
@@ -151,8 +153,12 @@ def _write_page(
         facts.append(
             f"nominal robot {nominal.robot.name} ({tables.sources(nominal)}; {modelled})"
         )
-        found = configure_case(case, nominal)
-        view = share_view(report, nominal, diagnosis, found) if found else None
+        configurations = configure_case(case, nominal)
+        view = (
+            share_view(report, nominal, diagnosis, configurations)
+            if configurations
+            else None
+        )
     title = f"Where is the gap? {case.name}"
     write_diagnosis_report(report, diagnosis, title=title, facts=facts, view=view)
 
@@ -251,17 +257,21 @@ def check_campaign(name: str, *, output: Output) -> None:
         if output.folder and case.robot
         else nullcontext() as draw
     ):
-        found = configure_case(case)
-        remarks = inspect_case(case, found)
+        configurations = configure_case(case)
+        remarks = inspect_case(case, configurations)
         compared = compare_responses(case)
         facts = campaign_check.campaign_json(case.campaign, remarks, compared)
 
         def fill(folder: Path) -> None:
             if case.robot is not None:
                 draw_compared(draw, case.robot, compared, folder)
-            if case.robot is not None and found is not None and draw is not None:
+            if (
+                case.robot is not None
+                and configurations is not None
+                and draw is not None
+            ):
                 campaign_check.draw_sensors(
-                    draw, case.robot, found, case.campaign, folder
+                    draw, case.robot, configurations, case.campaign, folder
                 )
 
         emit(

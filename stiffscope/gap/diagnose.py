@@ -131,48 +131,51 @@ def forward_model(
     return JointModel(RobotModel(campaign, robot), tuple(responses))
 
 
-def conclude(found: Findings) -> Diagnosis:
+def conclude(findings: Findings) -> Diagnosis:
     """Return the diagnosis of a search: the verdict with all its numbers."""
     others = {
         prior: (other, judge_findings(other).verdict)
-        for prior, other in _under_other_priors(found).items()
+        for prior, other in _under_other_priors(findings).items()
     }
-    judgement = settle_verdict(found, judge_findings(found), others)
+    judgement = settle_verdict(findings, judge_findings(findings), others)
     reported = judgement.hypothesis
     joint = (
-        found.best
-        if forms_of(reported.words) <= forms_of(found.best.words)
-        and not adds_little(found, reported, found.best)
+        findings.best
+        if forms_of(reported.words) <= forms_of(findings.best.words)
+        and not adds_little(findings, reported, findings.best)
         else reported
     )
-    unseen = tuple(_unseen(found, joint, judgement.effects))
+    unseen = tuple(_unseen(findings, joint, judgement.effects))
     left = (
-        max(found.misfit(joint), 1.0) if judgement.verdict == "partly" else 1.0
+        max(findings.misfit(joint), 1.0) if judgement.verdict == "partly" else 1.0
     )  # shows in the values, too
     averaged = [
         (h.widen_covariance(left), w)
-        for h, w in average_over(found, joint, judgement.effects)
+        for h, w in average_over(findings, joint, judgement.effects)
     ]
-    effects = _effects(found, judgement, joint, averaged)
-    residual = found.held_out_residual(reported)
-    check, held_out = _check(found, reported, residual)
-    gap = _gap(found, reported, residual)
-    responses, gaps = describe_responses(found, reported)
+    effects = _effects(findings, judgement, joint, averaged)
+    residual = findings.held_out_residual(reported)
+    check, held_out = _check(findings, reported, residual)
+    gap = _gap(findings, reported, residual)
+    responses, gaps = describe_responses(findings, reported)
     gap = replace(gap, absolute={**gap.absolute, **gaps})
     beyond = judgement.verdict in {"partly", "unexplained"}
-    together = correlation(found, reported)
+    together = correlation(findings, reported)
     listed = 1.0 - VERDICT.unlisted if judgement.verdict == "unexplained" else 1.0
     open_ones = [
-        (name, listed * p) for name, p in doubtful(found, judgement.effects)[:_LISTED]
+        (name, listed * p)
+        for name, p in doubtful(findings, judgement.effects)[:_LISTED]
     ]
     widened = f"{together}: intervals are widened by a discrepancy"
     remarks = (
-        *found.problem.noise.remarks,
-        *found.model.remarks(found.problem.noise, found.residual(found.none)),
+        *findings.problem.noise.remarks,
+        *findings.model.remarks(
+            findings.problem.noise, findings.residual(findings.none)
+        ),
         *judgement.remarks,
         *([widened] if together and not beyond else []),
         *unseen,
-        *_counts(found, reported),
+        *_counts(findings, reported),
     )
     names = [c.name for c in judgement.effects]
     beside = [c for c in joint.candidates if names and c.name not in names]
@@ -186,40 +189,40 @@ def conclude(found: Findings) -> Diagnosis:
         effects,
         tuple(
             replace(alternative, probability=listed * alternative.probability)
-            for alternative in _alternatives(found, reported if effects else None)
+            for alternative in _alternatives(findings, reported if effects else None)
         ),
-        locate_residuals(found, reported, beyond=beyond),
-        *find_next(found, effects, is_open=judgement.verdict == "ambiguous"),
+        locate_residuals(findings, reported, beyond=beyond),
+        *find_next(findings, effects, is_open=judgement.verdict == "ambiguous"),
         remarks,
         _steps(gap, effects),
-        signature_correlation(found),
+        signature_correlation(findings),
         tuple(Possible(*name.split(" @ "), p) for name, p in open_ones),  # type: ignore[arg-type]
         sensitivity=sensitivity,
         held_out_check=check,
         samples=draw_samples(
-            found,
+            findings,
             averaged if effects else [(reported, 1.0)],
             judgement.effects,
             held_out,
             reported,
         ),
         beside=tuple(
-            _describe(found, joint, reported, c, [(joint, 1.0)]) for c in beside
+            _describe(findings, joint, reported, c, [(joint, 1.0)]) for c in beside
         ),
         responses=responses,
-        drives=list_drives(found, joint if effects else found.none, left),
+        drives=list_drives(findings, joint if effects else findings.none, left),
     )
 
 
 def _effects(
-    found: Findings, judgement: Judgement, joint: Hypothesis, averaged: Averaged
+    findings: Findings, judgement: Judgement, joint: Hypothesis, averaged: Averaged
 ) -> tuple[Effect, ...]:
     """Return named effects by descending share, with parameters fitted jointly with likely ones."""
-    share = shares(found, judgement.hypothesis)
+    share = shares(findings, judgement.hypothesis)
     out: list[Effect] = []
     for candidate in sorted(judgement.effects, key=lambda c: -share[c.name]):
-        group = found.group(candidate.name)
-        effect = _describe(found, joint, judgement.hypothesis, candidate, averaged)
+        group = findings.group(candidate.name)
+        effect = _describe(findings, joint, judgement.hypothesis, candidate, averaged)
         alike = judgement.alike.get(candidate.name, ())
         names = tuple(dict.fromkeys([*group.others, *alike]))
         shared = effect.probability / (1.0 + len(alike))
@@ -380,38 +383,40 @@ def _intervals(
     return [(float(low), float(high)) for low, high in ends]
 
 
-def _under_other_priors(found: Findings) -> dict[str, Findings]:
+def _under_other_priors(findings: Findings) -> dict[str, Findings]:
     """Return the hypotheses under prior odds or sizes that are ten times larger or smaller."""
-    problem = found.problem
+    problem = findings.problem
     others = {
         "odds of an effect × 10": replace(problem, odds=problem.odds * FACTOR),
         "odds of an effect / 10": replace(problem, odds=problem.odds / FACTOR),
         "prior sizes × 10": replace(problem, widening=FACTOR),
         "prior sizes / 10": replace(problem, widening=1.0 / FACTOR),
     }
-    return {prior: found.under(other) for prior, other in others.items()}
+    return {prior: findings.under(other) for prior, other in others.items()}
 
 
 def _check(
-    found: Findings, known: Hypothesis, residual: Array
+    findings: Findings, known: Hypothesis, residual: Array
 ) -> tuple[HeldOut | None, Array]:
     """Check held-out readings against their predictive distribution; return residuals (n,) too."""
-    x = found.slopes(known)
+    x = findings.slopes(known)
     spread = np.einsum("ni,ij,nj->n", x, known.covariance, x).clip(min=0.0)
     z: Array = residual / np.sqrt(1.0 + spread)
-    seen = z[found.used_readings]
+    seen = z[findings.used_readings]
     if not len(seen) or np.isnan(seen).any():
         return None, z
     widest = float(quantiles(0.0, 1.0)[1])
     inside = float(np.mean(np.abs(seen) <= widest))
     check = HeldOut(inside, float(np.mean(np.square(seen))))
-    return check, np.where(found.used_readings, z, np.nan)
+    return check, np.where(findings.used_readings, z, np.nan)
 
 
-def _alternatives(found: Findings, best: Hypothesis | None) -> tuple[Alternative, ...]:
+def _alternatives(
+    findings: Findings, best: Hypothesis | None
+) -> tuple[Alternative, ...]:
     """Return other single effects and competing sets, with the reasons against each."""
     out: list[Alternative] = []
-    for h, p in found.ranked:
+    for h, p in findings.ranked:
         whole = best is not None and h.names >= best.names
         if len(out) == _LISTED:
             break
@@ -419,9 +424,9 @@ def _alternatives(found: Findings, best: Hypothesis | None) -> tuple[Alternative
             continue
         if len(h.names) > 1 and p < GROUPS.competing:
             continue
-        behind = found.best.evidence - h.evidence
-        alone = found.fit_plainly(h)
-        chi2 = found.chi2(alone) / max(int(found.used_readings.sum()), 1)
+        behind = findings.best.evidence - h.evidence
+        alone = findings.fit_plainly(h)
+        chi2 = findings.chi2(alone) / max(int(findings.used_readings.sum()), 1)
         far = f"ln-odds {behind:.1f} behind, χ² per reading {chi2:.3g}"
         wrong = (
             [t for c in h.candidates for t in implausible(c, h)]
@@ -431,32 +436,34 @@ def _alternatives(found: Findings, best: Hypothesis | None) -> tuple[Alternative
         why = "; ".join([far if behind > 0.05 else "as good", *wrong])
         effect = " + ".join(c.effect for c in h.candidates)
         place = " + ".join(c.place for c in h.candidates)
-        out.append(Alternative(effect, place, p, found.percent_rms(alone), why))
+        out.append(Alternative(effect, place, p, findings.percent_rms(alone), why))
     return tuple(out)
 
 
-def _gap(found: Findings, reported: Hypothesis, held_out: Array) -> Gap:
-    none = found.none
-    count = max(int(found.used_readings.sum()), 1)
-    c = found.campaign
-    explained = found.percent_rms(reported)
-    noise = percent_rms(c, c.value + found.sigma, found.sigma, found.used_readings)
+def _gap(findings: Findings, reported: Hypothesis, held_out: Array) -> Gap:
+    none = findings.none
+    count = max(int(findings.used_readings.sum()), 1)
+    c = findings.campaign
+    explained = findings.percent_rms(reported)
+    noise = percent_rms(
+        c, c.value + findings.sigma, findings.sigma, findings.used_readings
+    )
     residuals = (
-        found.residual(none),
-        found.residual(reported),
+        findings.residual(none),
+        findings.residual(reported),
         held_out,
         np.ones(len(held_out)),
     )
-    sizes = (found.sigma * residual for residual in residuals)
+    sizes = (findings.sigma * residual for residual in residuals)
     return Gap(
-        nominal=found.percent_rms(none),
+        nominal=findings.percent_rms(none),
         explained=explained,
-        held_out=found.percent_rms_by_pose(held_out),
+        held_out=findings.percent_rms_by_pose(held_out),
         noise=noise,
-        chi2_per_reading=(found.chi2(none) / count, found.chi2(reported) / count),
+        chi2_per_reading=(findings.chi2(none) / count, findings.chi2(reported) / count),
         left=float(np.sqrt(max(explained**2 - noise**2, 0.0))),
         discrepancy=100.0 * reported.known.discrepancy,
-        absolute=rms_by_kind(c, found.used_readings, *sizes),
+        absolute=rms_by_kind(c, findings.used_readings, *sizes),
     )
 
 
@@ -475,7 +482,7 @@ def _steps(gap: Gap, effects: tuple[Effect, ...]) -> tuple[tuple[str, float], ..
 
 
 def _unseen(
-    found: Findings, joint: Hypothesis, effects: tuple[Candidate, ...]
+    findings: Findings, joint: Hypothesis, effects: tuple[Candidate, ...]
 ) -> Iterator[str]:
     """A line for each effect of many errors of which readings show some combinations alone."""
     for c in joint.candidates:
@@ -483,7 +490,7 @@ def _unseen(
             here = joint.mark(lambda other, c=c: other is c)
             count = len(c.parts)
             own = (
-                found.slopes(joint)[found.used_readings][:, here]
+                findings.slopes(joint)[findings.used_readings][:, here]
                 * joint.known.scales[here]
             )
             left = np.linalg.inv(np.eye(count) + own.T @ own)
@@ -494,13 +501,13 @@ def _unseen(
                 yield f"{c.name}: readings show {seen} combinations of its {count} errors{nothing}"
 
 
-def _counts(found: Findings, reported: Hypothesis) -> list[str]:
+def _counts(findings: Findings, reported: Hypothesis) -> list[str]:
     """Return remarks on the numbers of readings and parameters, the noise and the evidence."""
-    count = int(found.used_readings.sum())
+    count = int(findings.used_readings.sum())
     parameters = len(reported.values)
-    factor = found.best.known.noise_factor
-    scaled = bool(found.problem.noise.scaled.any())
-    gain = found.best.evidence - found.none.evidence
+    factor = findings.best.known.noise_factor
+    scaled = bool(findings.problem.noise.scaled.any())
+    gain = findings.best.evidence - findings.none.evidence
     return [
         f"{say_count(count, 'reading')}, {say_count(parameters, 'free parameter')}",
         *(
@@ -508,5 +515,5 @@ def _counts(found: Findings, reported: Hypothesis) -> list[str]:
             if scaled
             else []
         ),
-        *([f"ln-odds over no effect: {gain:.1f}"] if found.best.names else []),
+        *([f"ln-odds over no effect: {gain:.1f}"] if findings.best.names else []),
     ]

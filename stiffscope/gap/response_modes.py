@@ -51,7 +51,7 @@ class _Levels:
 
 
 def describe_responses(
-    found: Findings, reported: Hypothesis
+    findings: Findings, reported: Hypothesis
 ) -> tuple[dict[str, SetupModes], dict[str, AbsoluteGap]]:
     """Return the modes of each set-up, and the absolute gaps of lines (dB) and modes (Hz).
 
@@ -59,12 +59,12 @@ def describe_responses(
 
     Parameters
     ----------
-    found
+    findings
         The search; nothing is returned without responses.
     reported
         Hypothesis whose effects are reported.
     """
-    model = found.model
+    model = findings.model
     if not isinstance(model, JointModel):
         return {}, {}
     blocks: dict[str, list[tuple[ResponseState, ResponseState]]] = {}
@@ -84,7 +84,7 @@ def describe_responses(
         setups[name] = SetupModes(
             tuple(_pair_modes(before, after)), *_sizes(own), lines=lines
         )
-    beside = "mode " if "frequency" in split_by_kind(found.campaign) else ""
+    beside = "mode " if "frequency" in split_by_kind(findings.campaign) else ""
     return setups, _find_gaps(levels, setups, f"{beside}frequency")
 
 

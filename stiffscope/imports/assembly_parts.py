@@ -104,16 +104,16 @@ def choose_materials(
         expected = "the name of a solid, or of its material"
         require(matching, where, expected, f'"{print_safely(pattern)}"')
         rules.append((pattern.lower(), known[name.lower()]))
-    found = dict[int, str]()
+    materials = dict[int, str]()
     missing = defaultdict[str, list[str]](list)
     for number in parts:
         word = solids[number].product.material.lower()
         own = [each for each in (solids[number].name.lower(), word) if each]
         named = [candidate for candidate in rules if fnmatch.filter(own, candidate[0])]
         if named:
-            found[number] = sorted(named, key=lambda rule: rule[0] in own)[-1][1]
+            materials[number] = sorted(named, key=lambda rule: rule[0] in own)[-1][1]
         elif word in known:
-            found[number] = known[word]
+            materials[number] = known[word]
         else:
             missing[solids[number].product.material].append(solids[number].name)
     if missing:
@@ -126,7 +126,7 @@ def choose_materials(
             f"{show_path(path)}: expected a material for {listed}, got {what}; "
             f'say --material "PATTERN=NAME" with a name of {", ".join(MATERIALS)}'
         )
-    return found
+    return materials
 
 
 def part_lines(parts: Sequence[PartFile], out: Path) -> list[str]:

@@ -117,8 +117,8 @@ def import_(
         require(loops is None, "--loops", "a URDF", "an assembly")
         given = Said(tool=tool, drive=drives, **said)
         with progress(quiet=output.quiet) as open_line:
-            found = import_assembly(model, goal, given, open_line(model.name))
-        emit(output, import_json(found), lambda: show_import(found))
+            imported = import_assembly(model, goal, given, open_line(model.name))
+        emit(output, import_json(imported), lambda: show_import(imported))
         return
     for name, value in said.items():
         fits = not value or name == "material"

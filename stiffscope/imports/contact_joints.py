@@ -241,22 +241,22 @@ def find_joints(
             between[i, j] += [bond for bond in within if {*bond.ends} != {i, j}]
     joints, doubts, planes = list[Freedom](), list[Doubt](), dict[Freedom, float]()
     for (i, j), held in between.items():
-        found = _freedom(
+        joint = _freedom(
             i=i, j=j, bonds=held, solids=solids, scale=scale, hardware=hardware
         )
         kinds = {"" if b.contact is None or b.label else b.contact.kind for b in held}
         bare = kinds == {"plane"} and not hardware.roles.keys() & {
             n for b in held for n in b.ends
         }
-        if found.kind == "planar" or (found.kind == "prismatic" and bare):
-            planes[found] = -sum(
+        if joint.kind == "planar" or (joint.kind == "prismatic" and bare):
+            planes[joint] = -sum(
                 bond.contact.size for bond in held if bond.contact is not None
             )
-        elif found.kind:
-            joints.append(found)
-            turning = _turning_kind(found, held, hardware, scale)
+        elif joint.kind:
+            joints.append(joint)
+            turning = _turning_kind(joint, held, hardware, scale)
             doubts += doubt_threads(
-                joint=found,
+                joint=joint,
                 turning=turning,
                 bonds=held,
                 solids=solids,
@@ -264,10 +264,10 @@ def find_joints(
                 contacts=contacts,
             )
         else:
-            left = f"{found.freedom.shape[1]} freedoms are left ({found.reason})"
+            left = f"{joint.freedom.shape[1]} freedoms are left ({joint.reason})"
             text = f"{left}, which no joint has; say which with --joint"
             doubts.append(
-                Doubt((solids[i].name, solids[j].name), text, tuple(found.at))
+                Doubt((solids[i].name, solids[j].name), text, tuple(joint.at))
             )
     if built:
         doubts += doubt_built(
@@ -505,19 +505,19 @@ def _freedom(
 
 
 def _turning_kind(
-    found: Freedom, bonds: Sequence[Bond], hardware: Hardware, scale: float
+    joint: Freedom, bonds: Sequence[Bond], hardware: Hardware, scale: float
 ) -> str:
     """Return the kind of a joint if its screws with nuts turn in their bores."""
     nutted = {n for n in hardware.roles if hardware.reasons[n] == NUTTED}
     if not nutted & {n for bond in bonds for n in bond.ends}:
-        return found.kind
+        return joint.kind
     pins = replace(hardware, roles=hardware.roles | dict.fromkeys(nutted, "pin"))
     holds = list[tuple[int, int, "Array"]]()
     for bond in bonds:
         contact = None if bond.label else bond.contact
         rows = bond.rows if contact is None else _held_by(contact, pins, scale)
         holds += [] if rows is None else [(*bond.ends, rows)]
-    return kind_of(relative_freedom(holds, *found.ends), found.at / scale)[0]
+    return kind_of(relative_freedom(holds, *joint.ends), joint.at / scale)[0]
 
 
 def _loaded_faces(

@@ -140,15 +140,15 @@ def doubt_built(
 def doubt_twins(solids: Solids) -> list[Doubt]:
     """Return doubts on solids with the same centre and volume as another."""
     seen = dict[tuple[int, ...], str]()
-    found = list[Doubt]()
+    doubts = list[Doubt]()
     for solid in solids:
         places = (*map(float, solid.centre), float(np.cbrt(solid.product.volume)))
         key = tuple(round(1e6 * place) for place in places)
         if key in seen:
             text = "the same solid twice in one place; remove one in CAD"
-            found.append(Doubt((seen[key], solid.name), text, places[:3]))
+            doubts.append(Doubt((seen[key], solid.name), text, places[:3]))
         seen.setdefault(key, solid.name)
-    return found
+    return doubts
 
 
 def gather_alike(doubts: Sequence[Doubt], solids: Solids) -> list[Doubt]:

@@ -424,7 +424,7 @@ def _find_between(inner: int, outer: int, solids: Solids) -> list[int]:
     apart = abs(middles[0] - middles[1]) > 0.5 * small.length
     if parallel > 1e-4 or across > 2e-5 or apart or large.bore < small.bore:
         return []
-    found = []
+    between = []
     for number, solid in enumerate(solids):
         away = solid.centre - point
         form = solid.product.form
@@ -445,5 +445,5 @@ def _find_between(inner: int, outer: int, solids: Solids) -> list[int]:
             and abs(along) < 0.5 * small.length
             and (ball or cage)
         ):
-            found.append(number)
-    return found
+            between.append(number)
+    return between

@@ -205,11 +205,15 @@ def stiffness_map(
     InputError
         The ranges are not two coordinates of the tool, or no pose is reachable.
     """
-    found = map_stiffness(mechanism, ranges, points, at=at)
+    stiffness = map_stiffness(mechanism, ranges, points, at=at)
     with scratch_folder() as folder:
         target = folder / "map.png"
         maps.draw_map(
-            found, maps.stiffness_panels(found), {}, maps.stiffness_title(found), target
+            stiffness,
+            maps.stiffness_panels(stiffness),
+            {},
+            maps.stiffness_title(stiffness),
+            target,
         )
         return Picture(target.read_bytes())
 
@@ -238,32 +242,37 @@ def view(
     if isinstance(shown, Mechanism):
         poses: Any = robot.poses if robot and robot.poses else {"home": shown.tool.home}
         names = list(poses)
-        found = configure(shown, list(poses.values())).require_valid()
+        configurations = configure(shown, list(poses.values())).require_valid()
     else:
-        found = getattr(shown, "configurations", shown)
-        if not isinstance(found, Configurations):
+        configurations = getattr(shown, "configurations", shown)
+        if not isinstance(configurations, Configurations):
             expected = (
                 "expected a mechanism, as `assemble` makes it, or what was found of one"
             )
             raise InputError(f"view: {expected}, got {type(shown).__name__}")
-        names = _names(found)
-    mechanism = found.mechanism
+        names = _names(configurations)
+    mechanism = configurations.mechanism
     choice = "mode" if isinstance(shown, Modes) else "load"
     cases = (
         mode_cases(shown)
         if isinstance(shown, Modes)
-        else unit_wrenches(mechanism, found)
+        else unit_wrenches(mechanism, configurations)
     )
     with scratch_folder() as folder:
         draw("robot", folder, pictures=[], geometry=GEOMETRY, **scene(robot, mechanism))
         caption = f"Components coloured by their {ENERGY}."
-        turned = Draft(folder).turn_robot(found, names, cases, caption, choice=choice)
+        turned = Draft(folder).turn_robot(
+            configurations, names, cases, caption, choice=choice
+        )
     template = page.templates().get_template("inline.html")
     return View(template.render(view=turned, title="The robot").lstrip())
 
 
-def _names(found: Configurations) -> list[str]:
-    return [name_pose(pose, found.mechanism.tool.pose) for pose in found.poses]
+def _names(configurations: Configurations) -> list[str]:
+    return [
+        name_pose(pose, configurations.mechanism.tool.pose)
+        for pose in configurations.poses
+    ]
 
 
 def _part(shown: Part) -> None:

@@ -124,12 +124,12 @@ def compare_interfaces(robot: RobotFile, part: str, shop: Workshop) -> Compariso
     own = order_part(base, part, label=OWN)
     orders, names, left_out = _orders(base, part, own)
     wanted = {Choice(", ".join(names) or OWN, OWN): own, **orders}
-    found: list[PartResult] = []
+    results: list[PartResult] = []
     for start in range(0, len(wanted), AT_ONCE):
-        found += solve_parts(
+        results += solve_parts(
             list(wanted.values())[start : start + AT_ONCE], shop, whole=False
         )
-    tested = dict(zip(wanted, found, strict=True))
+    tested = dict(zip(wanted, results, strict=True))
     remarks = [APART, *left_out] if apart else left_out
     return _compare_choices(robot.name, part, tested, remarks)
 
@@ -229,14 +229,14 @@ def _orders(
 
 
 def _compare_choices(
-    robot: str, part: str, found: Mapping[Choice, PartResult], left_out: Sequence[str]
+    robot: str, part: str, results: Mapping[Choice, PartResult], left_out: Sequence[str]
 ) -> Comparison:
-    points = next(iter(found.values())).experiment.reference_points
+    points = next(iter(results.values())).experiment.reference_points
     tested: list[Tested] = []
     for (
         choice,
         result,
-    ) in found.items():  # at the same reference points, since pads protrude
+    ) in results.items():  # at the same reference points, since pads protrude
         carry = np.asarray(
             block_diag(*shift(points - result.experiment.reference_points))
         )

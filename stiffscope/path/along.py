@@ -232,9 +232,11 @@ def respond_at_worst(
 ) -> tuple[Configurations, Response]:
     """Return configuration and response to process, weight and payload at the greatest error."""
     pose = [COORDINATES.index(name) for name in state.job.robot.tool.pose]
-    found = configure(assembled.mechanism, state.commanded[state.worst, pose][None])
-    return found, respond_under(
-        state.job, assembled, found, state.wrench[[state.worst]]
+    configurations = configure(
+        assembled.mechanism, state.commanded[state.worst, pose][None]
+    )
+    return configurations, respond_under(
+        state.job, assembled, configurations, state.wrench[[state.worst]]
     )
 
 
@@ -283,12 +285,12 @@ def compensate(
         drives = np.empty((len(wanted), len(before.drives)))
         for start in range(0, len(wanted), BLOCK):
             some = slice(start, start + BLOCK)
-            found = configure(assembled.mechanism, wanted[some])
+            configurations = configure(assembled.mechanism, wanted[some])
             refused |= {
-                start + int(k): found.reason(int(k))
-                for k in np.flatnonzero(~found.valid)
+                start + int(k): configurations.reason(int(k))
+                for k in np.flatnonzero(~configurations.valid)
             }
-            drives[some] = found.drives
+            drives[some] = configurations.drives
         commands = wanted
         if before.path.by_joints:
             order = [

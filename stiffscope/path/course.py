@@ -146,7 +146,7 @@ def tool_error(target: Array, commanded: Array, twist: Array) -> Array:
 
 
 def respond_under(
-    job: Job, assembled: Assembled, found: Configurations, wrench: Array
+    job: Job, assembled: Assembled, configurations: Configurations, wrench: Array
 ) -> Response:
     """Return the response at n configurations to weight, payload and process wrenches (n, 6)."""
     payload = job.section.payload
@@ -161,7 +161,12 @@ def respond_under(
         loads = (Load(tool.body, np.concatenate([weight, np.zeros(3)]), at),)
     gravity = float(job.section.gravity != "none")
     return respond(
-        mechanism, found, wrench[:, :, None], loads=loads, gravity=gravity, misfit=1.0
+        mechanism,
+        configurations,
+        wrench[:, :, None],
+        loads=loads,
+        gravity=gravity,
+        misfit=1.0,
     )
 
 

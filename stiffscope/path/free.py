@@ -109,19 +109,23 @@ class _Problem:
         for start in range(0, len(some), _BLOCK):
             block = slice(start, start + _BLOCK)
             course = self.place(values[block], some[block])
-            found = self.configure(self.commands(course))
-            good = np.flatnonzero(found.valid)
+            configurations = self.configure(self.commands(course))
+            good = np.flatnonzero(configurations.valid)
             if not good.size:
                 continue
-            found = found[good]
-            state = respond_under(self.job, self.assembled, found, course.wrench[good])
-            off = tool_error(course.tool[good], found.tool, state.twist[..., 0])[:, :3]
+            configurations = configurations[good]
+            state = respond_under(
+                self.job, self.assembled, configurations, course.wrench[good]
+            )
+            off = tool_error(
+                course.tool[good], configurations.tool, state.twist[..., 0]
+            )[:, :3]
             least = self.job.section.free.least  # type: ignore[union-attr]
             error[start + good] = np.linalg.norm(off, axis=1)
             if least != "size":
                 axes = getattr(course.axes, least)[good]
                 error[start + good] = np.einsum("ni,ni->n", off, axes)
-            drives[start + good] = found.drives
+            drives[start + good] = configurations.drives
         return error, drives
 
 

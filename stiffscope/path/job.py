@@ -418,18 +418,18 @@ def load_job(path: str | Path, instead: str | Path | RobotFile | None = None) ->
         file = path.parent / top.path
         with naming_key("path"):
             reading.open_file(file, "a table in CSV or a program in G-code").close()
-        found = read_toolpath(
+        toolpath = read_toolpath(
             file, robot, top.units, step=top.step, at=top.at, axes=_axes(top)
         )
         given = top.model_fields_set & (
-            set() if found.program else {"step", "at", "x", "y"}
+            set() if toolpath.program else {"step", "at", "x", "y"}
         )
         require(
             not given,
             tuple(sorted(given)[:1]),
             f"none beside a table ({file.name}), whose poses are in base axes",
         )
-    return Job(path, file, top, robot, found)
+    return Job(path, file, top, robot, toolpath)
 
 
 def _axes(top: JobSection) -> np.ndarray:

@@ -344,7 +344,7 @@ def write_path_page(
     report: Draft,
     state: Along,
     after: Compensated | None,
-    found: Configurations,
+    configurations: Configurations,
     cases: list[list[Case]],
 ) -> None:
     """Write report.html: the path, error over length, and the robot at the greatest error.
@@ -355,7 +355,7 @@ def write_path_page(
         Output folder with the pictures, and the tables.
     state, after
         The path, and its compensated commands, if any.
-    found, cases
+    configurations, cases
         Configuration at the greatest error, and the loads to show there.
     """
     here = "The robot at the greatest error"
@@ -375,7 +375,7 @@ def write_path_page(
         }
     )
     caption = f"{here}, under all its loads, components coloured by their {ENERGY}."
-    view = report.turn_robot(found, ["greatest error"], cases, caption, still)
+    view = report.turn_robot(configurations, ["greatest error"], cases, caption, still)
     charts = [_chart_error(state, after)]
     sections = [
         page.Section(

@@ -194,8 +194,8 @@ def _embed(folder: Path, name: str, caption: str, words: str) -> Figure:
     if image.suffix == ".svg":
         content = image.read_bytes()
         kind = "svg+xml"
-        found = re.search(rb'viewBox="0 0 ([\d.]+) ([\d.]+)"', content)
-        points = found.groups() if found else (b"640", b"480")
+        match = re.search(rb'viewBox="0 0 ([\d.]+) ([\d.]+)"', content)
+        points = match.groups() if match else (b"640", b"480")
         wide, high = (round(float(size) * 4 / 3) for size in points)
     else:
         out = io.BytesIO()

@@ -79,15 +79,19 @@ def modes(
     manifest = manifest_of(robot)
     made = assemble(robot, components, output)
     with name_robot(robot):
-        found = find_modes(made.mechanism, asked.configurations, count, drives=drives)
+        vibration_modes = find_modes(
+            made.mechanism, asked.configurations, count, drives=drives
+        )
     title = f"Natural frequencies, drives {drives}"
     emit(
         output,
-        modes_json(found),
-        lambda: show_modes(asked.names, found, title),
+        modes_json(vibration_modes),
+        lambda: show_modes(asked.names, vibration_modes, title),
         manifest=manifest,
-        fill=lambda folder: draw_modes(made, asked.names, found, folder),
-        page=lambda report: write_modes_report(report, made, asked.names, found),
+        fill=lambda folder: draw_modes(made, asked.names, vibration_modes, folder),
+        page=lambda report: write_modes_report(
+            report, made, asked.names, vibration_modes
+        ),
         kept="modes.json",
     )
 
@@ -162,9 +166,14 @@ def frf(
     made = assemble(robot, components, output)
     if given is None:
         count = 6 + len(mechanism.drives)
-        found = frequencies(made.mechanism, asked.configurations, count, drives=drives)
-        found = np.sort(found[found > 0.0])
-        given = 0.2 * float(found[0]), 1.5 * float(found[: 6 * len(asked.names)][-1])
+        frequency = frequencies(
+            made.mechanism, asked.configurations, count, drives=drives
+        )
+        frequency = np.sort(frequency[frequency > 0.0])
+        given = (
+            0.2 * float(frequency[0]),
+            1.5 * float(frequency[: 6 * len(asked.names)][-1]),
+        )
     hertz = np.geomspace(*given, points)
     each = (asked.configurations[np.array([k])] for k in range(len(asked.names)))
     ports = partial(frequency_response, damping=damping, drives=drives)

@@ -107,15 +107,15 @@ def find_solver(mechanism: Mechanism, given: Given) -> Solver:
         start = np.zeros(linkage.size)
         displaced = dict[str, float]()
         if given == "tool" and (locked := find_locked(linkage, start)[0]):
-            found = _find_regular(mechanism, linkage)
-            if found is None:
+            regular = _find_regular(mechanism, linkage)
+            if regular is None:
                 names = ", ".join(mechanism.tool.pose[k] for k in sorted(locked))
                 expected = "coordinates that the mechanism can move in at home"
                 raise InputError(
                     f"tool.pose: expected {expected}, got {names}, held there or by the "
                     "others; [] is the one pose of what cannot move"
                 )
-            start, displaced = found
+            start, displaced = regular
         placed = linkage.place_links(start[:, None])
         closure = Closure(linkage, start)
         rates = closure.rates(placed)
@@ -189,8 +189,8 @@ def _transfer(source: Linkage, target: Linkage, followed: Followed) -> Array:
     tool = target.mechanism.tool
     for joint in target.mechanism.joints:
         if joint.name in target.columns:
-            found = source.coordinates(joint, followed.q, followed.placed)
-            q[target.columns[joint.name]] = found[0]
+            coordinates = source.coordinates(joint, followed.q, followed.placed)
+            q[target.columns[joint.name]] = coordinates[0]
     frame = source.frame[source.link_of[tool.body]]
     moved = followed.placed.point(frame, tool.at)[:, 0] - tool.at
     turned = rotation_vector(followed.placed.rotation[frame].transpose(2, 0, 1))[0]
@@ -306,12 +306,12 @@ class KnownConfigurations:
         home = (np.abs(values) < _SAME * self.unit).all(axis=1) & bool(solver.displaced)
         q, first = self._start(values)
         q[linkage.known] = values.T
-        found = solver.closure.solve(q, first=first)
-        q = found.q
-        done = found.closed.copy()
-        placed = found.placed
+        solution = solver.closure.solve(q, first=first)
+        q = solution.q
+        done = solution.closed.copy()
+        placed = solution.placed
         factors = (
-            None if self.predict is None and n > 1 else found.factors
+            None if self.predict is None and n > 1 else solution.factors
         )  # not stragglers'
         if (
             home.any()
@@ -436,9 +436,9 @@ class KnownConfigurations:
             trial[linkage.known] = (
                 start[some] + ahead[:, None] * (end[some] - start[some])
             ).T
-            found = closure.solve(trial)
-            good = found.closed
-            q[:, some[good]], way[some[good]] = found.q[:, good], ahead[good]
+            solution = closure.solve(trial)
+            good = solution.closed
+            q[:, some[good]], way[some[good]] = solution.q[:, good], ahead[good]
             step[some] = np.where(
                 good, np.minimum(2.0 * step[some], longest), 0.5 * step[some]
             )

@@ -92,13 +92,13 @@ class JointRates:
 
 
 def _place_node(
-    found: Configurations | None, index: int, node: str
+    configurations: Configurations | None, index: int, node: str
 ) -> tuple[Array, Array]:
     """Return a node's displacement from home, ``x = R x_home + p``."""
-    if found is None:
+    if configurations is None:
         return np.eye(3), np.zeros(3)
-    rotation, position = found.link_frame(
-        found.linkage.frame[found.linkage.link_of[node]]
+    rotation, position = configurations.link_frame(
+        configurations.linkage.frame[configurations.linkage.link_of[node]]
     )
     return rotation[index if len(rotation) > 1 else 0], position[
         index if len(position) > 1 else 0

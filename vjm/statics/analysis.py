@@ -124,8 +124,8 @@ class Stiffness(Labelled):
         None where the compliance is unknown, as the tool moves freely.
         """
         known = np.asarray(np.isfinite(self.compliance).all(axis=(1, 2)))
-        found = nearly_rigid(self.alone, self.configurations.linkage.length)
-        return found & known[:, None]
+        rigid_directions = nearly_rigid(self.alone, self.configurations.linkage.length)
+        return rigid_directions & known[:, None]
 
     @property
     def finite(self) -> Array:
@@ -299,15 +299,15 @@ def analyse(
     np.float64(11.05)
     """
     check_word("gravity", gravity, get_args(Gravity))
-    found = configure(mechanism, poses)
-    both = map_chunks(mechanism, found, (6, 13), _find_unloaded, gravity)
+    configurations = configure(mechanism, poses)
+    both = map_chunks(mechanism, configurations, (6, 13), _find_unloaded, gravity)
     matrix = both[..., :6]
     yielding, free, inverse_condition = _complete_compliance(matrix, both[..., 6:12])
     stuck = np.asarray(~np.isfinite(matrix).all(axis=(1, 2)))
     plain = yielding
-    sagged = np.zeros((len(found), 6))
+    sagged = np.zeros((len(configurations), 6))
     if gravity != "none":
-        loaded = _analyse_weight(mechanism, found, matrix, yielding)
+        loaded = _analyse_weight(mechanism, configurations, matrix, yielding)
         sagged = loaded[..., 12]
         still = np.isnan(loaded[:, :1, 12:])
         matrix = np.where(still, matrix, loaded[..., :6])
@@ -316,19 +316,19 @@ def analyse(
         plain = np.where(
             stuck[:, None, None], plain, yielding
         )  # weight bends what is rigid, little
-    stuck = found.valid & (stuck | ~np.isfinite(matrix).all(axis=(1, 2)))
+    stuck = configurations.valid & (stuck | ~np.isfinite(matrix).all(axis=(1, 2)))
     matrix[stuck] = np.nan
     free[stuck] = 0
     inverse_condition[stuck] = 0.0
-    rigid: list[Array] = list(repeat(np.zeros((0, 6)), len(found)))
-    length = found.linkage.length
+    rigid: list[Array] = list(repeat(np.zeros((0, 6)), len(configurations)))
+    length = configurations.linkage.length
     own = own_compliance(mechanism, length)
     for k, wrenches in zip(
         np.flatnonzero(stuck), rigid_wrenches(plain[stuck], length, own), strict=True
     ):
         rigid[k] = wrenches
     return Stiffness(
-        found, matrix, sagged, free, inverse_condition, yielding, tuple(rigid)
+        configurations, matrix, sagged, free, inverse_condition, yielding, tuple(rigid)
     )
 
 
@@ -346,7 +346,10 @@ def _complete_compliance(
 
 
 def _analyse_weight(
-    mechanism: Mechanism, found: Configurations, unloaded: Array, yielding: Array
+    mechanism: Mechanism,
+    configurations: Configurations,
+    unloaded: Array,
+    yielding: Array,
 ) -> Array:
     """Return stiffness, compliance and sag (n, 6, 13) under weights, if they are known without.
 
@@ -358,11 +361,11 @@ def _analyse_weight(
         find_laws(mechanism)
     )  # weights may hold motions that are free without them
     firm = np.flatnonzero(
-        found.valid & (loose | np.isfinite(yielding).all(axis=(1, 2)))
+        configurations.valid & (loose | np.isfinite(yielding).all(axis=(1, 2)))
     )
-    both = map_chunks(mechanism, found[firm], (6, 13), _find_matrices, "exact")
+    both = map_chunks(mechanism, configurations[firm], (6, 13), _find_matrices, "exact")
     size = np.ones((len(firm), 6))
-    size[:, :3] = found.linkage.length
+    size[:, :3] = configurations.linkage.length
     known = np.isfinite(unloaded[firm]).all(axis=(1, 2)) & (not loose)
     size[known, :3] = characteristic_length(unloaded[firm[known]])[:, None]
     small = (np.abs(both[..., 12]) < _FAR * size).all(axis=1) & ~np.isnan(

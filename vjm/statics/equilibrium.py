@@ -178,14 +178,14 @@ def map_segments(
         Function of a linear order and the places of some poses.
     """
     laws = find_laws(order.mechanism)
-    found = find_equilibrium(order, where, loads)
+    equilibrium = find_equilibrium(order, where, loads)
     n = len(where.tool)
     out = np.full((n, *entries, loads.cases), np.nan)
     for case in range(loads.cases):
         segments = np.zeros((n, len(laws)), dtype=np.intp)
         for k, (name, law) in enumerate(laws.items()):
             segments[:, k] = law.segment(
-                np.broadcast_to(_deflection(found, name)[:, case], n)
+                np.broadcast_to(_deflection(equilibrium, name)[:, case], n)
             )
         rows, which = np.unique(segments, axis=0, return_inverse=True)
         for k, row in enumerate(rows.tolist()):
@@ -196,8 +196,8 @@ def map_segments(
     return out
 
 
-def _deflection(found: Response, name: str) -> Array:
-    deflection = found.elements[name].deflection
+def _deflection(response: Response, name: str) -> Array:
+    deflection = response.elements[name].deflection
     return np.zeros((1, 1)) if deflection is None else deflection
 
 

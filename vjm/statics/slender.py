@@ -51,12 +51,12 @@ def find_thrusts(mechanism: Mechanism, poses: Poses) -> dict[str, tuple[float, f
     bends = {name: _bend_by_thrust(elastic) for name, elastic in bodies.items()}
 
     def work(order: Order, where: Places) -> Array:
-        found = find_equilibrium(order, where, own_loads(order, where))
+        equilibrium = find_equilibrium(order, where, own_loads(order, where))
         out = np.zeros((len(where.tool), len(bodies)))
         for k, (name, elastic) in enumerate(bodies.items()):
             along = (elastic.tip - elastic.base) @ elastic.axes
             out[:, k] = (
-                found.find_wrench(mechanism.rows(name))[:, :3, 0]
+                equilibrium.find_wrench(mechanism.rows(name))[:, :3, 0]
                 @ along
                 / np.linalg.norm(along)
             )

@@ -148,9 +148,9 @@ def study_json(study: Study) -> dict[str, Any]:
     table = study.table
     nearest = find_nearest(study)
     (converged, how) = judge_convergence(study)
-    found = find_bounds(study)
+    limits = find_bounds(study)
     bounds = [
-        {"parameter": b.variable.name, "end": b.end, "designs": b.count} for b in found
+        {"parameter": b.variable.name, "end": b.end, "designs": b.count} for b in limits
     ]
     return {
         "study": study.file.path,

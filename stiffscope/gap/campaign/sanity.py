@@ -108,7 +108,7 @@ def inspect_readings(campaign: Campaign, predicted: Array) -> tuple[ReadingRemar
 
 
 def inspect_ranges(
-    c: Campaign, mechanism: Mechanism, found: Configurations
+    c: Campaign, mechanism: Mechanism, configurations: Configurations
 ) -> tuple[ReadingRemark, ...]:
     """Return a remark on the first reading at a pose beyond the range of a drive, if there is one.
 
@@ -118,10 +118,10 @@ def inspect_ranges(
         The campaign with p poses.
     mechanism
         The nominal robot with the ranges of its drives.
-    found
+    configurations
         The robot at the p poses, reached whatever the ranges.
     """
-    limited = limit_drives(found, mechanism, SANITY.rounded)
+    limited = limit_drives(configurations, mechanism, SANITY.rounded)
     rows = np.flatnonzero(~limited.valid[c.pose])
     if not len(rows):
         return ()

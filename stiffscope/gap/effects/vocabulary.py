@@ -127,11 +127,11 @@ def _find_candidate(
     fitting = [c for c in placed if set(given) <= set(c.parts or c.names)]
     names = ", ".join(placed[0].parts or placed[0].names) or "none"
     require(fitting, effect, f"parameters {names}", ", ".join(given))
-    found = min(fitting, key=lambda c: len(c.names))
+    candidate = min(fitting, key=lambda c: len(c.names))
     kind = _KIND_OF[effect]
-    if isinstance(found.action, kind) or kind.conversion is None:
-        return found
-    return replace(found, physical=kind.conversion[0], internal=kind.conversion[1])
+    if isinstance(candidate.action, kind) or kind.conversion is None:
+        return candidate
+    return replace(candidate, physical=kind.conversion[0], internal=kind.conversion[1])
 
 
 def apply_effects(mechanism: Mechanism, robot: RobotFile) -> Mechanism:

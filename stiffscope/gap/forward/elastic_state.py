@@ -249,15 +249,17 @@ class ElasticState:
         mode = MODE_OF[c.quantity]
         count = int(mode.max()) + 1
         most = count + int(SPARE_MODES_OF[c.quantity].max())
-        found = modes(self.loaded_mechanism, at.configurations[at.shaken], most)
-        read = found.frequencies[:, :count]
+        vibration_modes = modes(
+            self.loaded_mechanism, at.configurations[at.shaken], most
+        )
+        read = vibration_modes.frequencies[:, :count]
         if read.shape[1] < count or np.isnan(read).any():
             row = int(np.argmax(mode >= 0))
             where = f"{c.where(row)}: quantity"
             raise InputError(
                 f"{where}: expected one of the modes that the robot has, got f{count}"
             )
-        return found
+        return vibration_modes
 
     @cached_property
     def loaded_mechanism(self) -> Mechanism:

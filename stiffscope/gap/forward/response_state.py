@@ -733,8 +733,8 @@ class ResponseState:
         """Return wrenches (6m, p, f) in an element, own axes, under unit forces at the ports."""
         key = "wrench", name
         if key not in self._fields:
-            found = self.modes.find_wrenches(name, self._forces)
-            self._fields[key] = self._carry(*found)
+            wrenches = self.modes.find_wrenches(name, self._forces)
+            self._fields[key] = self._carry(*wrenches)
         return self._fields[key]
 
     def find_motion(self, name: str) -> Complex:
@@ -742,8 +742,8 @@ class ResponseState:
         key = "motion", name
         if key not in self._fields:
             alone = self if self.changed is None else replace(self, changed=None)
-            found = alone.solved.find_motions(name, alone._forces)  # noqa: SLF001
-            self._fields[key] = alone._carry(*found)  # noqa: SLF001
+            motions = alone.solved.find_motions(name, alone._forces)  # noqa: SLF001
+            self._fields[key] = alone._carry(*motions)  # noqa: SLF001
         return self._fields[key]
 
     def _pair(self, acts: Complex, rates: Array) -> Complex:

@@ -192,7 +192,7 @@ class RobotAtPoses:
             raise self._out_of_reach(int(bad[0]), found)
         return found
 
-    def _out_of_reach(self, pose: int, found: Configurations) -> InputError:
+    def _out_of_reach(self, pose: int, configurations: Configurations) -> InputError:
         """Return an error with the line and column of a pose, and the unit probably intended."""
         c = self.campaign
         where = c.where(int(np.argmax(c.pose == pose)))
@@ -217,7 +217,7 @@ class RobotAtPoses:
         field = (
             ", ".join(c.coordinates) if c.pose_names[pose].startswith("(") else "pose"
         )
-        got = f"{c.pose_names[pose]}: {found.reason(pose)}"
+        got = f"{c.pose_names[pose]}: {configurations.reason(pose)}"
         return InputError(
             f"{where}: {field}: expected a pose that the robot reaches, got {got}"
         )

@@ -273,10 +273,10 @@ class Instruments:
         for k, which in enumerate(self._frame[1]):
             if self.campaign.frames[which].pose is None:
                 mine = np.flatnonzero(self._frame[0] == k)
-                found = find_frame(
+                frame = find_frame(
                     self._triples(mine), ranged[mine], points[mine], read[mine]
                 )
-                setup.rotation[k], setup.origin[k] = found
+                setup.rotation[k], setup.origin[k] = frame
         for _ in range(_PASSES):
             weight[self.rows] = own
             setup = self.fit(points, turns, setup, weight)

@@ -248,7 +248,7 @@ def read_question(
 
 
 def _find_causes(patterns: str, known: tuple[str, ...]) -> tuple[str, ...]:
-    found: dict[str, None] = {}
+    causes: dict[str, None] = {}
     for pattern in (word.strip() for word in patterns.split(",")):
         glob = "*" if pattern == _ALL else pattern
         matches = [
@@ -260,8 +260,8 @@ def _find_causes(patterns: str, known: tuple[str, ...]) -> tuple[str, ...]:
             raise InputError(
                 f"--ask: expected causes that readings show of this robot, got {got} ({words})"
             )
-        found |= dict.fromkeys(matches)
-    return tuple(found)
+        causes |= dict.fromkeys(matches)
+    return tuple(causes)
 
 
 def _pair_up(

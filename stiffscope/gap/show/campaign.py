@@ -312,7 +312,7 @@ def _three(values: list[float] | None) -> str:
 def draw_sensors(
     draw: Callable[..., None],
     robot: RobotFile,
-    found: Configurations,
+    configurations: Configurations,
     campaign: Campaign,
     folder: Path,
 ) -> None:
@@ -322,28 +322,32 @@ def draw_sensors(
     ----------
     draw
         Drawing function from `stiffscope.report.pictures.open_drawing`.
-    robot, found
+    robot, configurations
         Robot file, and configurations at its poses.
     campaign, folder
         Campaign whose sensors and loads are marked, and folder to write to.
     """
-    mechanism = found.mechanism
+    mechanism = configurations.mechanism
     shown = []
     arrows = marks(campaign, mechanism)
-    for file, k in zip(PICTURES, (0, 0, len(found) - 1), strict=True):
+    for file, k in zip(PICTURES, (0, 0, len(configurations) - 1), strict=True):
         place = pose_text(
-            mechanism, found.tool[k, mechanism.tool.commanded_axes].tolist()
+            mechanism, configurations.tool[k, mechanism.tool.commanded_axes].tolist()
         )
         title = f"{robot.name}, sensors and loads at {place}"
         shown.append(
-            {"file": file, "title": title, "moves": place_robot(found, k).moves}
+            {
+                "file": file,
+                "title": title,
+                "moves": place_robot(configurations, k).moves,
+            }
         )
     named, first, last = shown
     named["names"] = True
     pictures = [first]
     if arrows:
         pictures.insert(0, named)
-    if len(found) > 1:
+    if len(configurations) > 1:
         pictures.append(last)
     with optional_pictures():
         draw(

@@ -152,16 +152,16 @@ def _compare_robots(
 ) -> None:
     manifest = manifest_of(first, second.path)
     with open_workshop(output) as shop:
-        found = compare_robots(first, second, components, shop)
-    for made in found.made.values():
+        robots = compare_robots(first, second, components, shop)
+    for made in robots.made.values():
         warn_of_robot(made)
     emit(
         output,
-        robot_comparison.robots_json(found),
-        partial(robot_comparison.show_robots, found),
+        robot_comparison.robots_json(robots),
+        partial(robot_comparison.show_robots, robots),
         manifest=manifest,
-        fill=partial(robot_comparison.draw_both, found),
-        page=partial(robot_comparison.write_robots_page, found),
+        fill=partial(robot_comparison.draw_both, robots),
+        page=partial(robot_comparison.write_robots_page, robots),
     )
 
 

@@ -216,11 +216,11 @@ def _measure(  # noqa: PLR0911 (one for each kind of node)
     return _ANGLE if operation in {math.asin, math.acos, math.atan} else PLAIN
 
 
-def fits(found: Powers | None, wanted: Powers | None) -> bool:
+def fits(powers: Powers | None, wanted: Powers | None) -> bool:
     """Whether a quantity may be one of another kind: unknown ones and plain numbers may be any."""
-    if not found or not wanted or found == PLAIN:
+    if not powers or not wanted or powers == PLAIN:
         return True
-    return all(map(math.isclose, found[:-1], wanted[:-1]))
+    return all(map(math.isclose, powers[:-1], wanted[:-1]))
 
 
 def _operation(node: ast.expr, text: str) -> tuple[Operation, list[ast.expr]]:

@@ -191,20 +191,20 @@ def _explain(
 ) -> tuple[int, str]:
     """Return line and message of a TOML error; quote the line only if ``shown``."""
     reason, _, place = str(error).partition(" (at ")
-    found = re.search(r"line (\d+), column (\d+)", place)
+    match = re.search(r"line (\d+), column (\d+)", place)
     lines = text.split("\n")
-    line = min(int(found[1]), len(lines)) if found else len(lines)
+    line = min(int(match[1]), len(lines)) if match else len(lines)
     line_shown = (
         f'"{lines[line - 1].strip()[:60]}" (column' if shown else "another text (column"
     )
-    where = f"{line_shown} {found[2]})" if found else "the end of the file"
+    where = f"{line_shown} {match[2]})" if match else "the end of the file"
     return line, f"expected valid TOML, got {where}: {reason[:1].lower()}{reason[1:]}"
 
 
 def _first_line(text: str, pattern: str) -> int:
     """Return the line of a pattern's first match."""
-    found = re.search(pattern, text)
-    return text.count("\n", 0, found.start()) + 1 if found else 1
+    match = re.search(pattern, text)
+    return text.count("\n", 0, match.start()) + 1 if match else 1
 
 
 def _check_size(data: dict[str, Any]) -> None:

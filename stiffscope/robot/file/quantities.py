@@ -297,12 +297,12 @@ def _why(unit: str) -> str:
         return f", which is {_name_powers(powers_of(USUAL[unit][0]))}"
     try:
         _check_unit(unit)
-        found = _registry().parse_units(unit)
+        units = _registry().parse_units(unit)
     except Exception:  # noqa: BLE001 (pint raises a dozen kinds, even ZeroDivisionError)
         return nothing
-    if found.dimensionless and ("%" in unit or "ppm" in unit):
+    if units.dimensionless and ("%" in unit or "ppm" in unit):
         return nothing
-    measured = found.dimensionality
+    measured = units.dimensionality
     read = _registry().parse_units
     turns = _radians(unit)
     same = [other for other in NAMED if measured == read(other.unit).dimensionality]

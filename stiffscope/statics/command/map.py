@@ -203,18 +203,23 @@ def _read(
 
 
 def _figures(
-    gravity: str, found: StiffnessMap, *, frequencies: bool
+    gravity: str, stiffness_map: StiffnessMap, *, frequencies: bool
 ) -> list[tuple[str, str, Callable[[StiffnessMap], list[maps.Panel]]]]:
     """Return title, file stem and panels of each figure of a map."""
-    where = maps.held_text(found)
+    where = maps.held_text(stiffness_map)
     weighs = gravity != "none"
     under = f", gravity {gravity}"
     held = f"natural frequencies, drives held{where}"
     kinds = (
-        (True, maps.stiffness_title(found) + under, "map", maps.stiffness_panels),
+        (
+            True,
+            maps.stiffness_title(stiffness_map) + under,
+            "map",
+            maps.stiffness_panels,
+        ),
         (True, f"1/C_ii at M, a push{where}{under}", "push", maps.push_panels),
         (
-            found.more,
+            stiffness_map.more,
             f"translation of M{where}{under}",
             "quantities",
             maps.scalar_panels,

@@ -346,9 +346,9 @@ def _find_yielding(now: Assembled, state: Stiffness) -> dict[str, Any]:
     yielded = dict[str, Any]()
     try:
         for push in np.eye(6)[:3]:
-            found = deflect(now.mechanism, state.configurations, push)
-            for name, share in found.shares.items():
-                yielded[name] = yielded.get(name, 0.0) + share * found.energy
+            deflected = deflect(now.mechanism, state.configurations, push)
+            for name, share in deflected.shares.items():
+                yielded[name] = yielded.get(name, 0.0) + share * deflected.energy
     except InputError:
         return {}
     whole = sum(yielded.values(), np.zeros(len(state.configurations)))

@@ -27,35 +27,37 @@ _WORDS = ("entry", "component", "unit")
 _FACTORS = np.array([1e-6] * 3 + [1e-3] * 3)
 
 
-def robots_json(found: RobotComparison) -> dict[str, Any]:
+def robots_json(comparison: RobotComparison) -> dict[str, Any]:
     """Return stiffness, sag and mass of both robots, and ratios of stiffnesses, for JSON output."""
-    diagonal = np.diagonal(found.stiffness, axis1=2, axis2=3)
+    diagonal = np.diagonal(comparison.stiffness, axis1=2, axis2=3)
     return {
-        "robots": list(found.names),
-        "poses": list(found.poses),
-        "stiffness": found.stiffness,
-        "push": found.push,
-        "sag": found.sag,
-        "mass": found.mass,
+        "robots": list(comparison.names),
+        "poses": list(comparison.poses),
+        "stiffness": comparison.stiffness,
+        "push": comparison.push,
+        "sag": comparison.sag,
+        "mass": comparison.mass,
         "ratio": diagonal[1] / diagonal[0],
-        "push_ratio": found.push[1] / found.push[0],
+        "push_ratio": comparison.push[1] / comparison.push[0],
     }
 
 
-def show_robots(found: RobotComparison) -> None:
+def show_robots(comparison: RobotComparison) -> None:
     """Print K_ii, 1/C_ii, sag and mass of both robots, and the change of stiffness and mass."""
-    first, second = found.names
-    diagonal = np.diagonal(found.stiffness, axis1=2, axis2=3)
+    first, second = comparison.names
+    diagonal = np.diagonal(comparison.stiffness, axis1=2, axis2=3)
     rows = []
     sags = []
-    sag = _round_alike(1e6 * found.sag.reshape(2, -1, 2, 3)).reshape(found.sag.shape)
-    for p, pose in enumerate(found.poses):
+    sag = _round_alike(1e6 * comparison.sag.reshape(2, -1, 2, 3)).reshape(
+        comparison.sag.shape
+    )
+    for p, pose in enumerate(comparison.poses):
         pushes = []
         for k, entry in enumerate(DIAGONAL):
             name = "" if k else pose
             held = _compare(diagonal[:, p, k], _FACTORS[k])
             rows.append([name, entry, _UNITS[k], *held])
-            pushed = _compare(found.push[:, p, k], _FACTORS[k])
+            pushed = _compare(comparison.push[:, p, k], _FACTORS[k])
             pushes.append(["", f"1/C_{entry[2:]}", _UNITS[k], *pushed])
             unit = "µm" if k < 3 else "µrad"
             sags.append(
@@ -72,7 +74,7 @@ def show_robots(found: RobotComparison) -> None:
     show_line(f"  {PUSH_WORDS}")
     groups = [["pose"], ["component", "unit", first, second]]
     show_table("Sag under their own weight", groups, sags, prose=_WORDS)
-    masses = ("solids and rigid bodies", *_compare(found.mass, 1.0))
+    masses = ("solids and rigid bodies", *_compare(comparison.mass, 1.0))
     show_table("Mass", [["kg", first, second, "change"]], [masses])
 
 
@@ -99,14 +101,15 @@ def _round_alike(values: np.ndarray) -> np.ndarray:
     return np.round(values / step) * step + 0.0
 
 
-def draw_both(found: RobotComparison, folder: Path) -> None:
+def draw_both(comparison: RobotComparison, folder: Path) -> None:
     """Write both.png: the second robot at the first common pose, with outlines of the first.
 
     Write change.png and change.svg: change in stiffness over the first robot's map, in percent.
     """
-    drawn = [scene_of(made) for made in found.made.values()]
+    drawn = [scene_of(made) for made in comparison.made.values()]
     places = [
-        configure(made.mechanism, found.places[:1]) for made in found.made.values()
+        configure(made.mechanism, comparison.places[:1])
+        for made in comparison.made.values()
     ]
     former, now = (place_robot(place).moves for place in places)
     ghost = {
@@ -114,21 +117,25 @@ def draw_both(found: RobotComparison, folder: Path) -> None:
         "moves": former,
     }
     shown = {"file": "both.png", "moves": now, "ghost": ghost}
-    title = f"{found.names[1]} at {found.poses[0]}; in light outlines {found.names[0]}"
+    title = f"{comparison.names[1]} at {comparison.poses[0]}; in light outlines {comparison.names[0]}"
     with optional_pictures():
         draw("robot", folder, pictures=[shown | {"title": title}], **drawn[1])
-    if found.change is not None:
-        title = f"{found.names[1]} against {found.names[0]}: change of the stiffness"
+    if comparison.change is not None:
+        title = f"{comparison.names[1]} against {comparison.names[0]}: change of the stiffness"
         files = folder / "change.png", folder / "change.svg"
-        panels = maps.difference_panels(found.change, "change (%)", 100.0)
+        panels = maps.difference_panels(comparison.change, "change (%)", 100.0)
         maps.draw_map(
-            found.change, panels, found.made["first"].robot.poses, title, *files
+            comparison.change,
+            panels,
+            comparison.made["first"].robot.poses,
+            title,
+            *files,
         )
 
 
-def write_robots_page(found: RobotComparison, report: Draft) -> None:
+def write_robots_page(comparison: RobotComparison, report: Draft) -> None:
     """Write report.html."""
-    first, second = found.names
+    first, second = comparison.names
     words = "over the workspace"
     change = f"Change of the stiffness at M from {first} to {second} {words}."
     captions = {
@@ -140,4 +147,4 @@ def write_robots_page(found: RobotComparison, report: Draft) -> None:
     }
     facts = [f"robots: {first}, {second}", AT_M]
     sections = [Section("Side by side", report.shown, report.figures(captions))]
-    report.write(" against ".join(found.names), facts, sections)
+    report.write(" against ".join(comparison.names), facts, sections)
