@@ -295,25 +295,25 @@ def _check_references(path: Path, content: bytes) -> None:
 def _name_distinct(paths: Sequence[Sequence[str]]) -> list[str]:
     """Name instances from the names on their paths: last name, with its assembly's, or a number."""
     paths = [_cut_path(path) for path in paths]
-    own = [("" if _is_nameless(path[-1]) else path[-1]) for path in paths]
+    last_names = [("" if _is_nameless(path[-1]) else path[-1]) for path in paths]
     for depth in range(2, max(map(len, paths), default=0) + 1):
-        doubled = {name for name in own if own.count(name) > 1 and name}
+        doubled = {name for name in last_names if last_names.count(name) > 1 and name}
         named = (
             [part for part in path[-depth:] if not _is_nameless(part)] for path in paths
         )
         again = [
             ".".join(parts) if name in doubled and len(path) > depth else name
-            for name, parts, path in zip(own, named, paths, strict=True)
+            for name, parts, path in zip(last_names, named, paths, strict=True)
         ]
-        if len(set(again)) > len(set(own)):
-            own = again
+        if len(set(again)) > len(set(last_names)):
+            last_names = again
     distinct = []
     counted = dict[str, int]()
-    for name in own:
+    for name in last_names:
         base = name or "solid"
         counted[base] = counted.get(base, 0) + 1
         distinct.append(
-            base if own.count(name) == 1 and name else f"{base}{counted[base]}"
+            base if last_names.count(name) == 1 and name else f"{base}{counted[base]}"
         )
     if len(set(distinct)) < len(distinct):
         distinct = [f"{name}_{number}" for number, name in enumerate(distinct, 1)]
@@ -338,7 +338,7 @@ def _write_solids(path: Path, shown: str, folder: Path) -> None:
 
 
 def gather_solids(
-    found: "Sequence[PlacedProduct]", shown: str
+    placed_products: "Sequence[PlacedProduct]", shown: str
 ) -> "tuple[list[Solid], dict[str, Any]]":
     """Collect distinct leaf solids, `shown` in messages, and a table of them and their places."""
     products = []
@@ -347,9 +347,11 @@ def gather_solids(
     solids: list[Any] = []
     loose = list[str]()
     whole = {
-        (*_cut_path(each.path),) for each in found if cad.kernel.solids(each.shape)
+        (*_cut_path(each.path),)
+        for each in placed_products
+        if cad.kernel.solids(each.shape)
     }
-    for each in found:
+    for each in placed_products:
         shapes = cad.kernel.solids(each.shape)
         name = _cut_path(each.path)
         if not shapes and (name == each.path or (*name,) not in whole):

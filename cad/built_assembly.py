@@ -52,17 +52,17 @@ def read_built(
         raise InputError(f"{shown}: expected a build123d Compound of solids, got {got}")
     leaves = [leaf for leaf in assembly.leaves if leaf.wrapped]
     numbers = kernel.Numbering()
-    found = [_read_leaf(leaf, numbers) for leaf in leaves]
-    for each in found:
+    products = [_read_leaf(leaf, numbers) for leaf in leaves]
+    for each in products:
         if not np.isfinite(each.place).all():
             what = f'"{each.path[-1]}" at infinity; give connect_to of a LinearJoint a position'
             raise InputError(f"{shown}: expected solids at places, got {what}")
-    solids, told = gather_solids(found, shown)
+    solids, told = gather_solids(products, shown)
     instances = place_solids(solids, told)
     left_out += told["left_out"]
     owners = [
         leaf
-        for leaf, each in zip(leaves, found, strict=True)
+        for leaf, each in zip(leaves, products, strict=True)
         for _ in kernel.solids(each.shape)
     ]
     return instances, _read_joints(assembly, instances, owners, left_out)

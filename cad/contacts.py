@@ -146,12 +146,12 @@ def _contacts_of(i: int, j: int, one: Instance, other: Instance) -> Iterator[Con
         else:
             continue
         if plane is not None:
-            own = (
+            bounds = (
                 (0.0, None)
                 if a.kind == "plane"
                 else (min(a.radius, b.radius), int(a.hollow))
             )
-            yield Contact(i, j, (a.index, b.index), a.kind, *plane, *own)
+            yield Contact(i, j, (a.index, b.index), a.kind, *plane, *bounds)
 
 
 def _meet(box: Array, other: Array, within: float) -> bool:

@@ -195,8 +195,8 @@ def tessellate(
     vertices, number = _merge_nodes(nodes)
     triangles = number[triangles]
     a, b, c = triangles.T
-    kept = (a != b) & (b != c) & (c != a)
-    return vertices * 1e-3, triangles[kept], face_of_triangle[kept]
+    distinct = (a != b) & (b != c) & (c != a)
+    return vertices * 1e-3, triangles[distinct], face_of_triangle[distinct]
 
 
 def tessellate_closed(

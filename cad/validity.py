@@ -91,17 +91,19 @@ def _single_solid(
     """Return the only solid of a shape, or the chosen one; refuse several, none, loose faces."""
     if chosen is not None:
         shape = _choose(shape, name, chosen)
-    found, faces = kernel.solids(shape), kernel.faces(shape)
+    solids, faces = kernel.solids(shape), kernel.faces(shape)
     check(
-        len(found) < 2,
-        f"{len(found)}: {list_solids(found)}",
+        len(solids) < 2,
+        f"{len(solids)}: {list_solids(solids)}",
         'one solid, or its number here as solid = N, or solid = "all" to fuse them',
     )
     count = say_count(len(faces), "face that bounds", "faces that bound")
     surface = f"a surface without volume ({count} no solid)"
-    check(found, surface if faces else "no solid and no face")
-    own = kernel.faces(found[0])
-    loose = [face for face in faces if not any(face.IsSame(other) for other in own)]
+    check(solids, surface if faces else "no solid and no face")
+    bounding = kernel.faces(solids[0])
+    loose = [
+        face for face in faces if not any(face.IsSame(other) for other in bounding)
+    ]
     if loose:
         at = _place(kernel.bounds(loose[0]).mean(axis=0))
         check(
@@ -109,7 +111,7 @@ def _single_solid(
             found=f"{say_count(len(loose), 'loose face')} beside the solid, at {at}",
             expected="one solid and nothing else, or solid = 1",
         )
-    return found[0]
+    return solids[0]
 
 
 def list_solids(solids: Sequence[Solid]) -> str:

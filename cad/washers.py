@@ -76,12 +76,12 @@ def select_interfaces(
     def number(face: "Face") -> int:
         return next(index for index, other in enumerate(faces) if other.IsSame(face))
 
-    found = {}
+    selected = {}
     for each in chosen:
         whole = [face for k in plain.get(each, ()) for face in pieces[k]]
         whole = [face for face in whole if not any(face.IsSame(ring) for ring in rings)]
-        found[each] = frozenset(number(face) for face in (*whole, *washers[each]))
-    return solid, found
+        selected[each] = frozenset(number(face) for face in (*whole, *washers[each]))
+    return solid, selected
 
 
 def _list_holes(solid: "Solid") -> list[_Hole]:
@@ -126,10 +126,10 @@ def _imprint(
 ) -> tuple["Solid", "Face"]:
     """Split the piece of a face around a hole, in place; return the solid and the new annulus."""
     radius = 0.5 * (selector.washer or 0.0)
-    own = hole.geometry
+    geometry = hole.geometry
     edge = hole.edge
-    if radius <= own.radius + DISTANCE:
-        wider = f"a washer wider than its hole of {mm(2 * own.radius)}"
+    if radius <= geometry.radius + DISTANCE:
+        wider = f"a washer wider than its hole of {mm(2 * geometry.radius)}"
         raise InputError(f"{field}: expected {wider}, got {mm(2 * radius)}")
 
     def is_beside(face: "Face") -> bool:
@@ -140,12 +140,12 @@ def _imprint(
         max(cad.kernel.distance(face, 1e3 * point) for point in hole.rim(radius))
         > 1e3 * DISTANCE
     ):
-        at = ", ".join(f"{1e3 * x:.6g}" for x in own.centroid)
+        at = ", ".join(f"{1e3 * x:.6g}" for x in geometry.centroid)
         got = f"got one of {mm(2 * radius)} at ({at}) mm"
         raise InputError(
             f"{field}: expected washers within their face and apart, {got}"
         )
-    circle = 1e3 * own.centroid, own.axis, 1e3 * radius
+    circle = 1e3 * geometry.centroid, geometry.axis, 1e3 * radius
     solid, split = cad.kernel.imprint_circle(solid, face, *circle)
     pieces[:] = [piece for piece in pieces if not piece.IsSame(face)] + split
     return solid, next(filter(is_beside, split))

@@ -128,8 +128,8 @@ class Experiment:
     def stiffness(self) -> Floats:
         """Stiffness (6(1+n), 6(1+n)) of the unsupported part on all ``interfaces``."""
         free = relative_twists(self.reference_points, self.clamp_point)
-        found = free.T @ np.linalg.solve(self.full_compliance, free)
-        return (found + found.T) / 2
+        condensed = free.T @ np.linalg.solve(self.full_compliance, free)
+        return (condensed + condensed.T) / 2
 
     @property
     def mass_matrix(self) -> Floats:

@@ -384,18 +384,18 @@ def _face_levels(
     )
     levels = np.full(len(surface.faces), -1)
     for face in range(len(surface.faces)):
-        mine = surface.face_of_triangle == face
+        of_face = surface.face_of_triangle == face
         on = (
-            np.abs(along[surface.triangles[mine]][..., None] - heights) < near
+            np.abs(along[surface.triangles[of_face]][..., None] - heights) < near
         )  # (t, 3, 2)
-        if not mine.any():
+        if not of_face.any():
             return None
         if on.all(axis=(0, 1)).any():
             levels[face] = np.argmax(on.all(axis=(0, 1)))
         elif (
             on.any(axis=(0, 1)).all()
             and on.any(axis=2).all()
-            and cosine[mine].max() < UPRIGHT
+            and cosine[of_face].max() < UPRIGHT
         ):
             levels[face] = 2
         else:

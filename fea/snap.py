@@ -140,8 +140,14 @@ def _on_faces(points: Floats, nodes: Ints, tags: Ints, target: Target) -> Floats
     moved = points.copy()
     places = np.bincount(node, minlength=len(points))
     for sharing in range(1, int(places.max()) + 1):
-        mine = places[node] == sharing
-        alternate(moved, node[mine], place[mine], target, 1 if sharing == 1 else ROUNDS)
+        of_group = places[node] == sharing
+        alternate(
+            moved,
+            node[of_group],
+            place[of_group],
+            target,
+            1 if sharing == 1 else ROUNDS,
+        )
     far = np.linalg.norm(moved - points, axis=1) > target.size
     if far.any():
         what = "%d boundary nodes have faces that do not meet near them; left in place"

@@ -355,9 +355,9 @@ def _geometry_bound(specimen: Specimen, mesh: TetMesh, compliance: Floats) -> Fl
 
     Misplaced interfaces couple entries that symmetry decouples, far more than a wrong volume.
     """
-    own = compliance.diagonal()
+    diagonal = compliance.diagonal()
     size = np.abs(compliance)
-    scale = np.sqrt(np.outer(own, own))
+    scale = np.sqrt(np.outer(diagonal, diagonal))
     area, shift = interface_error(specimen, mesh)
     body = (geometric_error(specimen, mesh) + area) * np.maximum(size, 1e-3 * scale)
     return 3 * (body + shift * np.maximum(size, 0.3 * scale))

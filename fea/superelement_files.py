@@ -121,9 +121,9 @@ def _read_matrix_market(path: Path) -> Read:
 def _dense(path: Path) -> Floats:
     rows, columns, _, _, kind, _ = mminfo(path)
     _check_matrix((rows, columns), kind)
-    found: Any = mmread(path)
+    matrix: Any = mmread(path)
     return np.asarray(
-        found.toarray() if hasattr(found, "toarray") else found, dtype=np.float64
+        matrix.toarray() if hasattr(matrix, "toarray") else matrix, dtype=np.float64
     )
 
 

@@ -104,15 +104,15 @@ class Journal:
         with open_file(self.path, "designs of a study", MOST_BYTES) as stream:
             for line in stream:
                 try:
-                    values, found, reason, seconds = json.loads(line)
+                    values, design, reason, seconds = json.loads(line)
                     if (
                         len(values) == variables
-                        and len(found) == responses
+                        and len(design) == responses
                         and {*values}
                     ):  # hashable
                         numbers = tuple(
                             math.nan if response is None else float(response)
-                            for response in found
+                            for response in design
                         )
                         yield Design(
                             tuple(values), numbers, str(reason), float(seconds)
@@ -273,13 +273,13 @@ def make_design(file: StudyFile, values: Values | None) -> Design:
 
 def _follow_path(job: Job, assembled: Assembled, asked: set[str]) -> dict[str, Array]:
     """Return the quantities of `ALONG_PATH` that are asked for, at each point of a path."""
-    found = dict[str, np.ndarray]()
+    along_path = dict[str, np.ndarray]()
     if asked - {CRITICAL}:
         state = along(job, assembled)
-        found |= {"error": state.size, **state.parts}
+        along_path |= {"error": state.size, **state.parts}
     if CRITICAL in asked:
-        found[CRITICAL] = critical_along(job, assembled)
-    return found
+        along_path[CRITICAL] = critical_along(job, assembled)
+    return along_path
 
 
 def _respond(file: StudyFile, values: Values | None) -> tuple[float, ...]:

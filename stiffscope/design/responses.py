@@ -74,15 +74,20 @@ class Response:
 
 def _entries() -> dict[str, tuple[str, int, int, str]]:
     """Return matrix, row, column and unit of the entries of K and C by name."""
-    found = {}
+    entries = {}
     for i, name in enumerate(DIAGONAL):
-        found[name] = ("K", i, i, _ENTRY["K"][i // 3][i // 3])
+        entries[name] = ("K", i, i, _ENTRY["K"][i // 3][i // 3])
     for matrix, units in _ENTRY.items():
         for i in range(6):
             for j in range(6):
-                found[f"{matrix}{i + 1}{j + 1}"] = (matrix, i, j, units[i // 3][j // 3])
+                entries[f"{matrix}{i + 1}{j + 1}"] = (
+                    matrix,
+                    i,
+                    j,
+                    units[i // 3][j // 3],
+                )
     short = zip(COORDINATES, DIAGONAL, strict=True)
-    return found | {f"k{axis}": found[name] for axis, name in short}
+    return entries | {f"k{axis}": entries[name] for axis, name in short}
 
 
 ENTRIES = _entries()

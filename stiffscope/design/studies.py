@@ -409,8 +409,8 @@ class _Desk:
             self.report(f"designs, {done} of {self.total}", self.done / self.total)
 
     def _judge(self, rows: Indices) -> Outcomes:
-        found = self._responses(rows)
-        by_name = {r.name: found[:, k] for k, r in enumerate(self.file.responses)}
+        responses = self._responses(rows)
+        by_name = {r.name: responses[:, k] for k, r in enumerate(self.file.responses)}
         failed = np.array([int(row) in self.reasons for row in rows], dtype=bool)
         goals = [goal.sign * by_name[goal.response] for goal in self.file.goals]
         limits = [

@@ -69,10 +69,10 @@ class Limit:
     value: float
     text: str
 
-    def violation(self, found: Array) -> Array:
+    def violation(self, value: Array) -> Array:
         """Return the relative violation (n,) by a response (n,); negative if the limit is met."""
         sign = 1.0 if self.at_most else -1.0
-        return sign * (found - self.value) / (abs(self.value) or 1.0)
+        return sign * (value - self.value) / (abs(self.value) or 1.0)
 
 
 @dataclass(frozen=True)

@@ -295,15 +295,17 @@ def _check_takes(name: str, texts: list[Any], robot: RobotFile, key: Key) -> Non
         text = write_override(name, value)
         is_word = isinstance(value, str) and isinstance(_read_value(value, key), str)
         try:
-            made = read_robot(source.path, source.text, [*source.overrides, text])
+            changed_robot = read_robot(
+                source.path, source.text, [*source.overrides, text]
+            )
         except InputError as error:
             message = str(error).removeprefix(f"--set {text}: ")
             refused.append(FieldError(key, message))
             if is_word and message != str(error):
                 raise refused[-1] from error
             continue
-        changed = made.source.changed.keys() - source.changed
-        copied = [each[1] for each in changed if each[1] in made.copied]
+        changed = changed_robot.source.changed.keys() - source.changed
+        copied = [each[1] for each in changed if each[1] in changed_robot.copied]
         got = f'"{"".join(map(str, copied[:1]))}", a copy: vary its original'
         require(not copied, key, "what the robot file writes", got)
         if not is_word:

@@ -125,9 +125,9 @@ def assemble_robots(
             words = name if label == next(iter(robots)) else f"{name} ({label})"
             orders[label, name] = order_part(robot, name, label=words)
     with name_lines(next(iter(robots.values()))):
-        made = solve_parts(list(orders.values()), shop, whole=whole, near=near)
+        solved = solve_parts(list(orders.values()), shop, whole=whole, near=near)
     results: dict[str, dict[str, PartResult]] = {label: {} for label in robots}
-    for (label, name), result in zip(orders, made, strict=True):
+    for (label, name), result in zip(orders, solved, strict=True):
         results[label][name] = result
     return {n: _assemble(robot, components, results[n]) for n, robot in robots.items()}
 

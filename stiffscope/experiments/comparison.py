@@ -73,8 +73,8 @@ def compare(robot: RobotFile, name: str, result: PartResult | Experiment) -> Com
             source: None if matrix is None else float(matrix[i, j])
             for source, matrix in sources.items()
         }
-        own = (float(fea[i, j]), float(error[i, j]))
-        entries.append(Entry(*parts_of.entry_name(i, j), *own, **others))
+        value = (float(fea[i, j]), float(error[i, j]))
+        entries.append(Entry(*parts_of.entry_name(i, j), *value, **others))
     findings = _findings(robot, name, fea, **sources)
     return Comparison(name, tuple(entries), tuple(findings))
 
@@ -87,10 +87,10 @@ def _list_sources(robot: RobotFile, name: str) -> dict[str, np.ndarray | None]:
         simple = parts_of.beam_compliance(robot, name, euler_bernoulli)
         beam = parts_of.beam_compliance(robot, name)
     # a matrix that was published is not of a part of another shape or material
-    own = parts_of.is_published_part(robot, name)
+    is_published = parts_of.is_published_part(robot, name)
     known = {n for n, each in robot.parts.items() if getattr(each, "published", None)}
     by_formula = isinstance(part, ParametricPart) and part.made.published == "formula"
-    if own and (name in known or (known and by_formula)):
+    if is_published and (name in known or (known and by_formula)):
         printed = parts_of.published_compliance(robot, name)
     return {"euler_bernoulli": simple, "timoshenko": beam, "published": printed}
 
@@ -163,7 +163,7 @@ def _torsion(
     section: Section, material: AnyMaterial, length: float, torsion: float
 ) -> list[str]:
     """Return findings on torsion, given the ratio of FEA's compliance to Saint-Venant's."""
-    found = []
+    rows = []
     if abs(torsion - 1) > 0.02:
         effect = "the part is too short for the end effect to decay (Saint-Venant)"
         if section.warping:
@@ -174,12 +174,12 @@ def _torsion(
             held = twist * modulus * section.torsion / length
             effect = f"Vlasov's theory gives {held:.2f} times with warping restrained at both ends"
         where = "in which the ends warp freely; here they cannot"
-        found.append(
+        rows.append(
             f"C44: {torsion:.2f} times Saint-Venant's torsion, {where}, and {effect}"
         )
     if section.shear_centre:
-        found.append(
+        rows.append(
             f"C34: the shear centre is {1e3 * abs(section.shear_centre):.3g} mm from the centroid, on the "
             "web's side: a force along z through the centroid twists the beam"
         )
-    return found
+    return rows

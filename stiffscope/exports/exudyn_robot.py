@@ -247,9 +247,9 @@ class Robot:
         free = len(compliance)
         squares = np.array(body["mode_squares"])
         modes = free + len(squares)
-        own = np.kron(np.eye(2), axes)
+        turn = np.kron(np.eye(2), axes)
         turns = np.eye(6 + modes)
-        turns[: 6 + free, : 6 + free] = np.kron(np.eye(len(nodes)), own)
+        turns[: 6 + free, : 6 + free] = np.kron(np.eye(len(nodes)), turn)
         stiffness = np.zeros((modes, modes))
         big = turns[6 : 6 + free, 6 : 6 + free]
         stiffness[:free, :free] = big @ np.linalg.inv(compliance) @ big.T

@@ -124,7 +124,7 @@ def spring_stiffness(model: Any, data: Any, gains: Array) -> Array:
     moments = np.zeros((model.nu, model.nv))
     for row in range(model.nu):
         start = data.moment_rowadr[row]
-        some = slice(start, start + data.moment_rownnz[row])
-        moments[row, data.moment_colind[some]] = data.actuator_moment[some]
+        entries = slice(start, start + data.moment_rownnz[row])
+        moments[row, data.moment_colind[entries]] = data.actuator_moment[entries]
     out += moments.T @ (gains[:, None] * moments)
     return 0.5 * (out + out.T)

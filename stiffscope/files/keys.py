@@ -102,8 +102,8 @@ def _meaning(kind: str, title: str, key: str) -> str:
     meanings = _meanings()[kind]
     end = f".{key}"
     words = (name.removesuffix(end) for name in meanings if name.endswith(end))
-    own = next((meanings[word + end] for word in words if word in title), "")
-    return own or meanings.get(key, "")
+    meaning = next((meanings[word + end] for word in words if word in title), "")
+    return meaning or meanings.get(key, "")
 
 
 def _section_keys(kind: str, tables: Iterable[tuple[str, Any]]) -> dict[str, list[Key]]:
@@ -153,8 +153,8 @@ def all_keys() -> dict[str, dict[str, list[Key]]]:
     campaign["quantities at M"] = [Key(*quantity) for quantity in quantities]
     campaign["effects"] = []
     for name, parameters in EFFECTS.items():
-        said = ", ".join(f"{parameter} ({unit})" for parameter, unit in parameters[:9])
-        campaign["effects"].append(Key(name, said or "no parameters"))
+        words = ", ".join(f"{parameter} ({unit})" for parameter, unit in parameters[:9])
+        campaign["effects"].append(Key(name, words or "no parameters"))
     kinds = ("study", "job", "campaign")
     return {"robot": _robot_keys(), **{kind: others[kind] for kind in kinds}}
 
@@ -181,9 +181,9 @@ def find_keys(wanted: str | None) -> dict[str, dict[str, list[Key]]]:
     return keys
 
 
-def show_keys(found: dict[str, dict[str, list[Key]]]) -> None:
+def show_keys(keys_by_kind: dict[str, dict[str, list[Key]]]) -> None:
     """Print one table per section."""
-    for kind, titles in found.items():
+    for kind, titles in keys_by_kind.items():
         show_line(
             f"{kind[0].upper()}{kind[1:]} file" if kind != "campaign" else "Campaign",
             "bold",
@@ -198,9 +198,9 @@ def show_keys(found: dict[str, dict[str, list[Key]]]) -> None:
 
 
 def _said(metadata: Iterable[Any]) -> str:
-    said = (note for note in metadata if isinstance(note, Reads | Says))
+    notes = (note for note in metadata if isinstance(note, Reads | Says))
     return next(
-        (note.says if isinstance(note, Reads) else str(note) for note in said), ""
+        (note.says if isinstance(note, Reads) else str(note) for note in notes), ""
     )
 
 

@@ -72,15 +72,15 @@ def adopt(
     if diagnosis.verdict not in {"identified", "partly"}:  # whose effects are certain
         verdict = f"the verdict is {diagnosis.verdict}, not identified"
         raise InputError(f"--adopt: nothing is adopted: {verdict}")
-    found = (*diagnosis.effects, *diagnosis.beside)  # values are only valid jointly
-    heavy = Gravity.word in {*modelled, *(e.effect for e in found)} or robot.carries(
+    effects = (*diagnosis.effects, *diagnosis.beside)  # values are only valid jointly
+    heavy = Gravity.word in {*modelled, *(e.effect for e in effects)} or robot.carries(
         Gravity.word
     )
-    left = list(_refusals(bare, found, heavy=heavy))
+    left = list(_refusals(bare, effects, heavy=heavy))
     if left:
         raise InputError(f"--adopt: nothing is adopted: {'; '.join(left)}")
     document = robot_document(robot, target, components)
-    multiplied = _multiply_out(found, diagnosis)
+    multiplied = _multiply_out(effects, diagnosis)
     entries = [_entry(effect, diagnosis, campaign) for effect in multiplied]
     output.write_new(target, _text(document, entries).encode())
 
@@ -98,8 +98,8 @@ def _multiply_out(effects: Sequence[Effect], diagnosis: Diagnosis) -> list[Effec
     out = [e for e in effects if e not in soft]
     for name, drive in changed.items():
         factor = Parameter(drive.value / drive.stated, drive.sigma / drive.stated, "1")
-        own = {"place": name, "parameters": {"factor": factor}, "errors": {}}
-        out.append(replace(soft[0], **own))
+        entry = {"place": name, "parameters": {"factor": factor}, "errors": {}}
+        out.append(replace(soft[0], **entry))
     return out
 
 

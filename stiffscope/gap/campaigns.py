@@ -278,10 +278,10 @@ def find_campaign(name: str | Path) -> Path:
 
 def campaign_names() -> list[str]:
     """Return the names of the campaigns in `data/`."""
-    found = (
+    headers = (
         path for shelf in SHELVES for path in FOLDER.glob(f"{shelf}/*/campaign.toml")
     )
-    return sorted(path.parent.name for path in found)
+    return sorted(path.parent.name for path in headers)
 
 
 def _robot_of(folder: Path, campaign: Campaign, robot: str) -> Path:

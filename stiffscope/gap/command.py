@@ -209,11 +209,11 @@ def new_campaign(
     if given is not None and ask is None:
         raise InputError("--with: expected a question, --ask, too")
     if ask is not None:
-        own = None if given is None else _load_own(given, robot)
+        given_campaign = None if given is None else _load_own(given, robot)
         with open_workshop(output) as shop:
-            made = assemble_robots({"nominal": robot}, "beam", shop)["nominal"]
-        nominal = NominalRobot(made.mechanism, robot)
-        proposal = propose_plan(nominal, ask, own)
+            assembled = assemble_robots({"nominal": robot}, "beam", shop)["nominal"]
+        nominal = NominalRobot(assembled.mechanism, robot)
+        proposal = propose_plan(nominal, ask, given_campaign)
         plan = {"plan": campaign_check.plan_json(proposal)}
     poses, readings = write_template(robot, named, goal, proposal and proposal.plan)
 

@@ -227,8 +227,8 @@ def _effects(
         names = tuple(dict.fromkeys([*group.others, *alike]))
         shared = effect.probability / (1.0 + len(alike))
         effect = replace(effect, probability=shared)
-        own = {"confused_with": names, "group_probability": group.probability}
-        out.append(replace(effect, share=share[candidate.name], **own))
+        fields = {"confused_with": names, "group_probability": group.probability}
+        out.append(replace(effect, share=share[candidate.name], **fields))
     return tuple(out)
 
 
@@ -248,8 +248,8 @@ def _describe(
     if _is_open(c, parameters):
         if not impossible(c, joint):
             errors = parameters  # one of the values that make up these sums
-        own = joint.mark(lambda other: other.name == c.name)
-        parameters = _sums(c, *own_part(joint, c.name), joint.known.scales[own])
+        columns = joint.mark(lambda other: other.name == c.name)
+        parameters = _sums(c, *own_part(joint, c.name), joint.known.scales[columns])
     return Effect(c.effect, c.place, probability, left, parameters, errors=errors)
 
 
@@ -489,11 +489,11 @@ def _unseen(
         if c.parts and c in effects:
             here = joint.mark(lambda other, c=c: other is c)
             count = len(c.parts)
-            own = (
+            signature = (
                 findings.slopes(joint)[findings.used_readings][:, here]
                 * joint.known.scales[here]
             )
-            left = np.linalg.inv(np.eye(count) + own.T @ own)
+            left = np.linalg.inv(np.eye(count) + signature.T @ signature)
             seen = int(np.sum(np.linalg.eigvalsh(left) < _LEFT))
             alone = list(compress(c.parts, np.diagonal(left) >= _LEFT))
             nothing = f", and nothing of {', '.join(alone)}" if alone else ""

@@ -161,11 +161,11 @@ def _spread_lines(responses: Sequence[Response]) -> tuple[list[Response], Flags]
 
 def _spread(response: Response, hertz: Array, inside: Flags) -> Response:
     """Return a response at other lines (f,), zero where they are not inside its own."""
-    own = response.frequency
-    values = np.where(inside, np.interp(hertz, own, response.receptance), 0.0)
+    lines = response.frequency
+    values = np.where(inside, np.interp(hertz, lines, response.receptance), 0.0)
     coherence = response.coherence
     if coherence is not None:
-        coherence = np.interp(hertz, own, coherence)
+        coherence = np.interp(hertz, lines, coherence)
     return replace(response, frequency=hertz, receptance=values, coherence=coherence)
 
 
@@ -174,8 +174,8 @@ def _find_ratios(states: Sequence[ResponseState]) -> Array:
     ratios = states[0].damping.copy()
     for state in states[1:]:
         lines = state.block.frequency
-        own = state.frequencies
-        inside = (own >= lines[0]) & (own <= lines[-1])
+        frequencies = state.frequencies
+        inside = (frequencies >= lines[0]) & (frequencies <= lines[-1])
         ratios[inside] = state.damping[inside]
     return ratios
 
@@ -195,12 +195,12 @@ def _match(
         for force, motion in [state.pairs.T]
     ]
     parts = np.concatenate(products)[:, inside]
-    own = modes[inside]
+    frequencies = modes[inside]
     ratios = _find_ratios(states)[inside]
     product = np.abs(shapes.conj().T @ parts) ** 2
     size = np.sum(np.abs(shapes) ** 2, axis=0)[:, None] * (heard.T @ parts**2)
     mac = np.divide(product, size, out=np.zeros_like(product), where=size > 0.0)
-    apart = np.abs(np.log(own.clip(min=1e-300) / hertz[:, None]))
+    apart = np.abs(np.log(frequencies.clip(min=1e-300) / hertz[:, None]))
     mac = np.where(apart <= np.log(_FAR), mac, 0.0)
     unpaired = math.nan, math.nan, math.nan
     out = list(repeat(unpaired, len(hertz)))
@@ -208,8 +208,8 @@ def _match(
     rows, columns = linear_sum_assignment(0.1 * apart.clip(max=1.0) - mac)
     for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
         if mac[row, column] > 0.0:
-            found = own[column], mac[row, column], ratios[column]
-            out[row] = tuple(map(float, found))  # type: ignore[assignment]
+            pairs = frequencies[column], mac[row, column], ratios[column]
+            out[row] = tuple(map(float, pairs))  # type: ignore[assignment]
     return out
 
 

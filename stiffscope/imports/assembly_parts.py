@@ -80,7 +80,7 @@ def part_name(solid: Instance, parts: Sequence[PartFile]) -> str:
 
 
 def choose_materials(
-    parts: Sequence[int], solids: Sequence[Instance], said: Sequence[str], path: Path
+    parts: Sequence[int], solids: Sequence[Instance], texts: Sequence[str], path: Path
 ) -> dict[int, str]:
     """Return each part's material: as said of its name or the file's word for it, else that word.
 
@@ -94,7 +94,7 @@ def choose_materials(
         for word in (solid.name, solid.product.material)
     ]
     rules = list[tuple[str, str]]()
-    for text in said:
+    for text in texts:
         pattern, equals, name = (piece.strip() for piece in text.partition("="))
         where = place_of("--material", text)
         names = ", ".join(MATERIALS)
@@ -108,10 +108,14 @@ def choose_materials(
     missing = defaultdict[str, list[str]](list)
     for number in parts:
         word = solids[number].product.material.lower()
-        own = [each for each in (solids[number].name.lower(), word) if each]
-        named = [candidate for candidate in rules if fnmatch.filter(own, candidate[0])]
+        words_of = [each for each in (solids[number].name.lower(), word) if each]
+        named = [
+            candidate for candidate in rules if fnmatch.filter(words_of, candidate[0])
+        ]
         if named:
-            materials[number] = sorted(named, key=lambda rule: rule[0] in own)[-1][1]
+            materials[number] = sorted(named, key=lambda rule: rule[0] in words_of)[-1][
+                1
+            ]
         elif word in known:
             materials[number] = known[word]
         else:

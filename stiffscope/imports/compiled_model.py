@@ -62,10 +62,10 @@ class CompiledModel:
 
     def find_inertia(self, body: int) -> Array:
         """Return the inertia (3, 3) of a body about its centre of mass, base axes, as given."""
-        own = self.aside.get(body)
-        if own is not None:
+        inertia = self.aside.get(body)
+        if inertia is not None:
             axes = self.data.xmat[body].reshape(3, 3)
-            return axes @ own @ axes.T
+            return axes @ inertia @ axes.T
         axes = self.data.ximat[body].reshape(3, 3)
         return axes @ np.diag(self.model.body_inertia[body]) @ axes.T
 
@@ -244,10 +244,10 @@ def _compile(
     except InputError:
         raise
     except (ValueError, OSError, RuntimeError) as error:
-        said = _reason(error)
+        reason = _reason(error)
         expected = f"{_MODEL}, or an assembly in a .step file"
         raise InputError(
-            f"{_place(path, said)}: expected {expected}, got: {said}"
+            f"{_place(path, reason)}: expected {expected}, got: {reason}"
         ) from error
     return model, notes, by_body
 
@@ -267,9 +267,9 @@ def _drop_meshes(mj: Any, spec: Any) -> None:
         spec.delete(shape)
 
 
-def _place(path: Path, said: str) -> str:
+def _place(path: Path, reason: str) -> str:
     """Return the file and the line that MuJoCo names, if any."""
-    line = re.search(r"\bline (?:number=)?(\d+)", said, re.IGNORECASE)
+    line = re.search(r"\bline (?:number=)?(\d+)", reason, re.IGNORECASE)
     return f"{path}:{line[1]}" if line else str(path)
 
 

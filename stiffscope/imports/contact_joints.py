@@ -88,7 +88,7 @@ def _bonds_of(
 
     The assembly's own joints replace the contacts of their two solids.
     """
-    found = []
+    bonds = []
     taken = {frozenset((joint.first, joint.second)) for joint in built}
     touching = defaultdict[frozenset[int], list["Contact"]](list)
     for contact in contacts:
@@ -96,7 +96,7 @@ def _bonds_of(
         touching[pair].append(contact)
         rows = None if pair in taken else _held_by(contact, hardware, scale)
         if rows is not None:
-            found.append(Bond(contact.first, contact.second, rows, contact))
+            bonds.append(Bond(contact.first, contact.second, rows, contact))
     for joint in built:
         free = [
             joint_freedom(kind, at / scale, axis, None)
@@ -105,7 +105,7 @@ def _bonds_of(
         rows = null_space(np.hstack(free).T).T
         for each in touching[frozenset((joint.first, joint.second))] or [None]:
             at = joint.motions[0][1]
-            found.append(
+            bonds.append(
                 Bond(
                     first=joint.first,
                     second=joint.second,
@@ -119,8 +119,8 @@ def _bonds_of(
         form = solids[small].product.form
         ring = solids[small]
         axis = np.array([0.0, 0.0, 1.0]) if form is None else ring.place_axis(form)[1]
-        found.append(Bond(small, large, hold("cone", axis, ring.centre / scale), None))
-    return found
+        bonds.append(Bond(small, large, hold("cone", axis, ring.centre / scale), None))
+    return bonds
 
 
 def _held_by(contact: Contact, hardware: Hardware, scale: float) -> Array | None:
@@ -183,12 +183,12 @@ def _about_one(freedom: Array, axis: Array, slides: Array, near: Array) -> _Kind
     at = foot + axis * float(axis @ (near - foot))
     along = float(np.linalg.norm(slides.T @ axis))
     straight = abs(off @ axis) < _SAME
-    found = {
+    kinds = {
         0: "revolute" if straight else "",
         1: "cylindrical" if along > 1.0 - _SAME else "",
         2: "planar" if along < _SAME and straight else "",
     }
-    kind = found.get(slides.shape[1], "")
+    kind = kinds.get(slides.shape[1], "")
     return kind, near if kind == "planar" else at, _positive(axis), None
 
 
@@ -300,11 +300,13 @@ def _hold_rods(
     into all of them, it would be no joint where it is the only one. Rods apart whose ends lie in the
     same parts leave these no turn, and no way but off the rods: tie rods, held by all of them.
     """
-    own = defaultdict[int, list[Freedom]](list)
+    joints_of = defaultdict[int, list[Freedom]](list)
     for joint in [*joints, *planes]:
         for end in joint.ends:
-            own[end].append(joint)
-    rods = {rod: around for rod, around in own.items() if _is_bare_rod(rod, around)}
+            joints_of[end].append(joint)
+    rods = {
+        rod: around for rod, around in joints_of.items() if _is_bare_rod(rod, around)
+    }
     fixed = [joint for joint in joints if joint.kind == "fixed"]
     laid = [plane for plane in planes if not _is_turned_on(plane, rods)]
     bodies = _join(range(len(solids)), [*fixed, *laid])
@@ -382,9 +384,9 @@ def _choose_seats(
     for joint in around:
         seats[bodies[_other_end(joint, rod)]].append(joint)
 
-    def grip(own: Sequence[Freedom]) -> tuple[int, float]:
-        lengths = [contact.size for joint in own for contact in joint.contacts]
-        return len(own), sum(lengths)
+    def grip(joints: Sequence[Freedom]) -> tuple[int, float]:
+        lengths = [contact.size for joint in joints for contact in joint.contacts]
+        return len(joints), sum(lengths)
 
     return max(seats.values(), key=grip)
 
@@ -524,14 +526,16 @@ def _loaded_faces(
     end: int, touching: Sequence[Contact], solid: Instance
 ) -> tuple[int, ...]:
     """Return a joint's loaded faces of a solid: round, or plane and mostly in contact; else all."""
-    own = [contact for contact in touching if end in {contact.first, contact.second}]
+    contacts_of_end = [
+        contact for contact in touching if end in {contact.first, contact.second}
+    ]
     shares = defaultdict[int, float](float)
-    for contact in own:
+    for contact in contacts_of_end:
         face = solid.product.faces[contact.face_of(end)]
         shares[face.index] += (
             1.0 if contact.kind != "plane" else contact.size**2 / face.area
         )
-    least = 0.9 if any(contact.kind != "plane" for contact in own) else 0.5
+    least = 0.9 if any(contact.kind != "plane" for contact in contacts_of_end) else 0.5
     return tuple(
         sorted([face for face, share in shares.items() if share > least] or shares)
     )
@@ -581,7 +585,7 @@ def _add_planes(
 
     Planes between parts already guided by other joints are not joints. Doubts report both.
     """
-    kept, groups = list(joints), _join(range(len(solids)), joints)
+    remaining, groups = list(joints), _join(range(len(solids)), joints)
     bodies = _join(
         range(len(solids)), [joint for joint in joints if joint.kind == "fixed"]
     )
@@ -593,7 +597,7 @@ def _add_planes(
         say = f', say --joint "{"/".join(names)}={other}"'
         doubts.extend([Doubt(names, text + say, tuple(plane.at))] if text else [])
         if joint is not None:
-            kept.append(joint)
+            remaining.append(joint)
             groups.merge(*joint.ends)
 
     screwed = {side for side in planes if _count_holes(side, solids) > 1}
@@ -610,21 +614,21 @@ def _add_planes(
         )
 
     while laid := next(filter(is_laid, planes), None):
-        if groups.connected(*laid.ends) and _moves(laid, kept):
+        if groups.connected(*laid.ends) and _moves(laid, remaining):
             settle(laid, None, _IDLE)
             continue
         settle(laid, _fix(laid), _SCREWED if laid in screwed else _LAID)
         bodies.merge(*laid.ends)
     for plane in [*planes]:
         adds = plane.kind == "prismatic" or holds_more(
-            held_by(plane)[2], kept, *plane.ends
+            held_by(plane)[2], remaining, *plane.ends
         )
         text = _SLIDES if plane.kind == "planar" else ""
-        if not adds and not _moves(plane, kept):
+        if not adds and not _moves(plane, remaining):
             settle(plane, _fix(plane), _LAID)
             continue
         settle(plane, plane if adds else None, text if adds else _IDLE)
-    return kept
+    return remaining
 
 
 def _fix(joint: Freedom) -> Freedom:

@@ -89,7 +89,7 @@ def doubt_bores(
     adds: Callable[[Contact], bool],
 ) -> list[Doubt]:
     """Return doubts on bores that are too wide to guide or tight enough to hold, if it matters."""
-    found = defaultdict[tuple[str, str, str], dict[str, "Contact"]](dict)
+    contacts_by_bore = defaultdict[tuple[str, str, str], dict[str, "Contact"]](dict)
     for contact in contacts:
         bought = hardware.roles.keys() & {contact.first, contact.second}
         if bought or contact.kind not in {"cylinder", "sphere"}:
@@ -105,26 +105,26 @@ def doubt_bores(
             taken = "a thread or a press fit, which holds" if tight else "no guide"
             i, j = (solids[n].name for n in (contact.first, contact.second))
             say = f'taken as {taken}; if it guides, say --joint "{i}/{j}=KIND"'
-            found[i, j, say].setdefault(what, contact)
+            contacts_by_bore[i, j, say].setdefault(what, contact)
     return [
         Doubt(
             (i, j),
             f"{' and '.join(there)}: {say}",
             tuple(next(iter(there.values())).point),
         )
-        for (i, j, say), there in found.items()
+        for (i, j, say), there in contacts_by_bore.items()
     ]
 
 
 def doubt_built(
     joints: Iterable[Freedom],
-    found: Iterable[Freedom],
+    built_joints: Iterable[Freedom],
     built: Iterable[BuiltJoint],
     solids: Solids,
 ) -> list[Doubt]:
     """Return doubts on joints of the assembly that differ in kind from those by contacts alone."""
     labels = {frozenset((joint.first, joint.second)): joint.label for joint in built}
-    kinds = {frozenset(joint.ends): joint.kind for joint in found}
+    kinds = {frozenset(joint.ends): joint.kind for joint in built_joints}
     doubts = []
     for joint in joints:
         pair = frozenset(joint.ends)

@@ -108,9 +108,9 @@ def may_be_nut(
 
 
 def find_hardware(
-    solids: Solids, contacts: Contacts, said: Mapping[int, str]
+    solids: Solids, contacts: Contacts, given_roles: Mapping[int, str]
 ) -> Hardware:
-    """Distinguish hardware from parts; ``said``: roles given by the user, or "part", by number."""
+    """Distinguish hardware from parts; ``given_roles``: roles given by the user, or "part", by number."""
     pairs, elements = _rolling_bearings(solids)
     found = {
         ring: ("ring", "ring of rolling elements") for pair in pairs for ring in pair
@@ -127,14 +127,18 @@ def find_hardware(
         number for number, (role, _) in found.items() if role in {"bearing", "ring"}
     }
     for number, solid in enumerate(solids):
-        own = touched[number]
+        neighbours = touched[number]
         role = found[number][0]
-        bare = role in {"bushing", "washer"} and not _round(own, number, inside=True)
-        if bare and bearings & _others(_round(own, number, inside=False), number):
+        bare = role in {"bushing", "washer"} and not _round(
+            neighbours, number, inside=True
+        )
+        if bare and bearings & _others(
+            _round(neighbours, number, inside=False), number
+        ):
             found[number] = "", ""
             continue
         turned = solid.product.form
-        planes = [each for each in own if each.kind == "plane"]
+        planes = [each for each in neighbours if each.kind == "plane"]
         if role or turned is None or not bearings & _others(planes, number):
             continue
         ring = (
@@ -142,7 +146,7 @@ def find_hardware(
             and turned.share > _TURNED
             and not turned.holed
         )
-        if ring and _is_about_axis(own, solid):
+        if ring and _is_about_axis(neighbours, solid):
             found[number] = "spacer", "a ring beside a bearing"
     bars = [
         n for n, (role, reason) in found.items() if role == "pin" or reason == NUTTED
@@ -156,7 +160,7 @@ def find_hardware(
     found |= {n: ("", found[n][1]) for n in shafts}
     found |= {
         number: ("" if role == "part" else role, "said so")
-        for number, role in said.items()
+        for number, role in given_roles.items()
     }
     roles = {number: role for number, (role, _) in found.items() if role}
     both = tuple(
@@ -374,10 +378,14 @@ def _round(
     contacts: Contacts, number: int = -1, *, inside: bool | None = None
 ) -> list[Contact]:
     """Return the cylindrical contacts; if given, only those with a solid inside, or around."""
-    found = [contact for contact in contacts if contact.kind == "cylinder"]
+    round_contacts = [contact for contact in contacts if contact.kind == "cylinder"]
     if inside is None:
-        return found
-    return [c for c in found if ((c.first, c.second)[c.inner or 0] == number) is inside]
+        return round_contacts
+    return [
+        c
+        for c in round_contacts
+        if ((c.first, c.second)[c.inner or 0] == number) is inside
+    ]
 
 
 def _others(contacts: Iterable[Contact], number: int) -> set[int]:
@@ -424,7 +432,7 @@ def _find_between(inner: int, outer: int, solids: Solids) -> list[int]:
     apart = abs(middles[0] - middles[1]) > 0.5 * small.length
     if parallel > 1e-4 or across > 2e-5 or apart or large.bore < small.bore:
         return []
-    between = []
+    elements = []
     for number, solid in enumerate(solids):
         away = solid.centre - point
         form = solid.product.form
@@ -445,5 +453,5 @@ def _find_between(inner: int, outer: int, solids: Solids) -> list[int]:
             and abs(along) < 0.5 * small.length
             and (ball or cage)
         ):
-            between.append(number)
-    return between
+            elements.append(number)
+    return elements

@@ -99,7 +99,7 @@ class Imported:
 def import_assembly(
     path: str | Path,
     out: str | Path,
-    said: Said | None = None,
+    settings: Said | None = None,
     progress: Progress | None = None,
 ) -> Imported:
     """Write a robot file from a STEP assembly, and its elastic parts to a folder named after it.
@@ -111,7 +111,7 @@ def import_assembly(
     ----------
     path, out
         STEP assembly, and robot file to write.
-    said
+    settings
         Settings, which take precedence over an `assembly.toml` beside the assembly.
     progress
         Receives the progress of reading and of the search for contacts.
@@ -119,13 +119,13 @@ def import_assembly(
     path = Path(path)
     out = Path(out)
     earlier = check_place(out)
-    said = said_beside(path, said or Said())
+    settings = said_beside(path, settings or Said())
     left_out = list[str]()
     solids = read_assembly(path, left_out=left_out)
     return _import(
         path=path,
         out=out,
-        said=said,
+        said=settings,
         solids=solids,
         built=(),
         left_out=left_out,
@@ -331,13 +331,13 @@ def _find_wanted(
 
 
 def _model(
-    path: Path, assembly: _Found, ground: int, tool: int, said: Said
+    path: Path, assembly: _Found, ground: int, tool: int, settings: Said
 ) -> tuple[SimulatorModel, list[PartFile], list[Doubt]]:
     """Return bodies, joints and tool as in a robot file, the elastic parts, and warnings."""
     solids = assembly.solids
     moving = sorted({end for joint in assembly.joints for end in joint.ends} - {ground})
-    materials = choose_materials(moving, solids, said.material, path)
-    rigid = match_solids(solids, said.rigid, "--rigid")
+    materials = choose_materials(moving, solids, settings.material, path)
+    rigid = match_solids(solids, settings.rigid, "--rigid")
     estimates = {n: estimate_part(solids[n], MATERIALS[materials[n]]) for n in moving}
     total = sum(solids[n].product.volume for n in moving)
     soft = max(
@@ -403,7 +403,7 @@ def _model(
     at = solids[tool].centre if tool_body == solids[tool].name else last.at
     motions = tool_motions(assembly.joints, tool, ground, at, measure_size(solids))
     is_frame = not any(joint.kind != "fixed" for joint in assembly.joints)
-    if not motions.size and not (is_frame and said.tool and parts):
+    if not motions.size and not (is_frame and settings.tool and parts):
         others = len(solids) - len(assembly.hardware.roles) - 1
         fixed = (
             f"{solids[ground].name} ({len(moving)} of {others} parts are joined to it)"
@@ -422,7 +422,9 @@ def _model(
     bending = [
         n for n in elastic if ends[n, assembly.find_joints(n)[0]] != solids[n].name
     ]
-    notes = _notes(assembly, ground, tool, said) + _softest(bending, estimates, solids)
+    notes = _notes(assembly, ground, tool, settings) + _softest(
+        bending, estimates, solids
+    )
     pose = choose_coordinates(motions)
     if not pose:
         notes = (*notes, "nothing moves: a frame, whose one pose is home")
@@ -511,7 +513,7 @@ def _softest(
     )
 
 
-def _notes(assembly: _Found, ground: int, tool: int, said: Said) -> tuple[str, ...]:
+def _notes(assembly: _Found, ground: int, tool: int, settings: Said) -> tuple[str, ...]:
     """Return notes on choices and omissions."""
     solids = assembly.solids
     density = MATERIALS["steel"].density
@@ -519,17 +521,17 @@ def _notes(assembly: _Found, ground: int, tool: int, said: Said) -> tuple[str, .
     base = f"the ground is {solids[ground].name}, rigid"
     where = "M at its centre of mass where it is rigid, else at its last joint"
     last = f"the tool is {solids[tool].name}, {where}"
-    base += "" if said.ground else "; --ground NAME chooses another"
-    last += "" if said.tool else "; --tool NAME chooses another"
+    base += "" if settings.ground else "; --ground NAME chooses another"
+    last += "" if settings.tool else "; --tool NAME chooses another"
     left = f"the mass of screws, pins and bearings ({bought:.3g} kg if of steel) is left out"
     return (*([left] if bought else []), base, last)
 
 
 def _rigid_reason(
-    number: int, joints: Sequence[Freedom], said: set[int], *, tiny: bool
+    number: int, joints: Sequence[Freedom], with_material: set[int], *, tiny: bool
 ) -> str:
     """Return the reason why a part is rigid; empty if it is elastic."""
-    if number in said:
+    if number in with_material:
         return "rigid, as said"
     faces = [joint.faces[joint.first != number] for joint in joints]
     if not all(faces):

@@ -58,15 +58,17 @@ def find_patches(
     areas = [face.area for face in solid.faces]
     faces = dict[Freedom, set[int]]()
     for joint, some in loads.items():
-        own = {face for contact in some for face in patches[contact]}
+        faces_of_joint = {face for contact in some for face in patches[contact]}
         if not some and solid is solids[number]:  # a joint of the assembly itself
-            own = {*joint.faces[joint.first != number]}
-        whole = sum(areas[face] for face in own)
-        faces[joint] = {face for face in own if areas[face] > _SLIVER * whole}
+            faces_of_joint = {*joint.faces[joint.first != number]}
+        whole = sum(areas[face] for face in faces_of_joint)
+        faces[joint] = {
+            face for face in faces_of_joint if areas[face] > _SLIVER * whole
+        }
     shared = _share_faces(faces, areas)
     touching = _part_touching(solid, faces, areas)
-    found = {joint: tuple(sorted(own)) for joint, own in faces.items()}
-    return LoadedPart(solid, found, shared, touching)
+    loaded = {joint: tuple(sorted(own)) for joint, own in faces.items()}
+    return LoadedPart(solid, loaded, shared, touching)
 
 
 def _loading(number: int, joint: Freedom) -> list[Contact]:
@@ -74,22 +76,22 @@ def _loading(number: int, joint: Freedom) -> list[Contact]:
 
     In a moving joint with round contacts these carry, not the planes beside them.
     """
-    own = [
+    contacts_of_part = [
         contact
         for contact in joint.contacts
         if number in {contact.first, contact.second}
     ]
-    round_ = [contact for contact in own if contact.kind != "plane"]
+    round_ = [contact for contact in contacts_of_part if contact.kind != "plane"]
     if joint.kind == "fixed":
         # a screw in a clearance hole presses on the planes, if there are any
-        planes = [contact for contact in own if contact.kind == "plane"]
+        planes = [contact for contact in contacts_of_part if contact.kind == "plane"]
         tight = [
             contact
             for contact in round_
             if not contact.radius or contact.gap <= FIT[1] * contact.radius
         ]
-        return [*planes, *tight] or own
-    return round_ or own
+        return [*planes, *tight] or contacts_of_part
+    return round_ or contacts_of_part
 
 
 def _share_faces(

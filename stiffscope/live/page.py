@@ -274,8 +274,10 @@ def _cases(
     units = unit_wrenches(assembled.mechanism, configurations)
     if not load.any():
         return units
-    own = wrench_cases(assembled.mechanism, configurations, {"slider load": load})
-    return [[*first, *others] for first, others in zip(own, units, strict=True)]
+    push_cases = wrench_cases(
+        assembled.mechanism, configurations, {"slider load": load}
+    )
+    return [[*first, *others] for first, others in zip(push_cases, units, strict=True)]
 
 
 def draw_maps(assembled: Assembled) -> str:

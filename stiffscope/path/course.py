@@ -190,14 +190,14 @@ def configure_path(
             "others",
         )
         values = values[:, [names.index(name) for name in known]]
-    for found in configure_chunks(mechanism, values, BLOCK, given):
-        if not found.valid.all():
-            k = int(np.argmin(found.valid))
+    for configurations in configure_chunks(mechanism, values, BLOCK, given):
+        if not configurations.valid.all():
+            k = int(np.argmin(configurations.valid))
             raise InputError(
-                f"{job.path_file.name}:{path.lines[start + k]}: {found.refusal(k)}"
+                f"{job.path_file.name}:{path.lines[start + k]}: {configurations.refusal(k)}"
             )
-        start += len(found)
-        yield found
+        start += len(configurations)
+        yield configurations
 
 
 def find_axes(job: Job, tool: Array) -> Axes:
@@ -293,8 +293,8 @@ def process_wrench(
         feeds = _feeds(job, cut.feed, length)[acting]
         cutting = cut.forces(float(np.mean(feeds)))
         values, which = np.unique(feeds, return_inverse=True)
-        found = [cut.forces(float(feed)) for feed in values]
-        parts = np.array([(f.feed, f.across, f.axial, f.torque) for f in found])[which]
+        forces = [cut.forces(float(feed)) for feed in values]
+        parts = np.array([(f.feed, f.across, f.axial, f.torque) for f in forces])[which]
         feed, across, axial, torque = parts.T[..., None]
         out[acting, :3] += feed * along_ + across * normal + axial * spindle
         out[acting, 3:] += torque * spindle

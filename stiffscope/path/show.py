@@ -97,8 +97,8 @@ def path_json(
 
 def _gain(freed: Freed, state: Along) -> dict[str, dict[str, float]]:
     """Return greatest and rms error, m, for the best constant and the chosen free coordinates."""
-    some = state.path.acting
-    errors = ("single", freed.before[some]), ("chosen", freed.error[some])
+    acting = state.path.acting
+    errors = ("single", freed.before[acting]), ("chosen", freed.error[acting])
     return {
         name: {"greatest": float(each.max()), "rms": _rms(each)}
         for name, each in errors
@@ -248,8 +248,8 @@ def _draw_map(state: Along) -> Figure:
     from matplotlib.ticker import MaxNLocator
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-    some = pick_evenly(len(state.path), _MOST_DRAWN)
-    points = 1e3 * state.tool[some, :3]
+    evenly = pick_evenly(len(state.path), _MOST_DRAWN)
+    points = 1e3 * state.tool[evenly, :3]
     job = state.job
     drawn = new_figure(
         7.5, 5.6, f"{job.robot.name}: error of the tool along {job.path_file.name}"
@@ -257,7 +257,7 @@ def _draw_map(state: Along) -> Figure:
     axes: Any = drawn.add_subplot(projection="3d")
     segments = np.stack([points[:-1], points[1:]], axis=1)
     lines = Line3DCollection(segments, cmap="viridis", linewidths=2.0)
-    lines.set_array(1e3 * state.size[some][1:])
+    lines.set_array(1e3 * state.size[evenly][1:])
     axes.add_collection3d(lines)
     worst = 1e3 * state.tool[state.worst, :3]
     axes.scatter(
@@ -282,16 +282,16 @@ def _draw_map(state: Along) -> Figure:
 
 
 def _draw_error(state: Along, after: Compensated | None) -> Figure:
-    some = pick_evenly(len(state.path), _MOST_DRAWN)
-    length = 1e3 * state.length[some]
+    evenly = pick_evenly(len(state.path), _MOST_DRAWN)
+    length = 1e3 * state.length[evenly]
     count, height = (2, 5.2) if after is None else (3, 6.6)
     drawn = new_figure(
         8.0, height, f"{state.job.robot.name}: error of the tool over length"
     )
     rows = drawn.subplots(count, 1, sharex=True)
-    low, high = (1e3 * (state.size + sign * state.bound)[some] for sign in (-1, 1))
+    low, high = (1e3 * (state.size + sign * state.bound)[evenly] for sign in (-1, 1))
     rows[0].fill_between(length, low, high, color=BEFORE, alpha=0.2, lw=0)
-    rows[0].plot(length, 1e3 * state.size[some], color=BEFORE, lw=1.2)
+    rows[0].plot(length, 1e3 * state.size[evenly], color=BEFORE, lw=1.2)
     rows[0].set_ylabel("size (mm)")
     for name, colour in (
         ("normal", "#3b7dbf"),
@@ -299,12 +299,12 @@ def _draw_error(state: Along, after: Compensated | None) -> Figure:
         ("binormal", "#5b9a68"),
     ):
         rows[1].plot(
-            length, 1e3 * state.parts[name][some], lw=1.2, color=colour, label=name
+            length, 1e3 * state.parts[name][evenly], lw=1.2, color=colour, label=name
         )
     rows[1].set_ylabel("component (mm)")
     rows[1].legend(frameon=False, ncol=3, loc="lower right", bbox_to_anchor=(1.0, 0.97))
     if after is not None:
-        left = np.maximum(after.after.size[some], 1e-15)
+        left = np.maximum(after.after.size[evenly], 1e-15)
         rows[2].semilogy(length, 1e3 * left, color=AFTER, lw=1.2)
         rows[2].set_ylabel("compensated (mm)")
     rows[-1].set_xlabel("length along the path (mm)")
@@ -316,7 +316,7 @@ def _draw_error(state: Along, after: Compensated | None) -> Figure:
 
 def _chart_error(state: Along, after: Compensated | None) -> page.Chart:
     """Return an interactive chart of error over length, before and after compensation."""
-    some = pick_evenly(len(state.path), _MOST_DRAWN)
+    evenly = pick_evenly(len(state.path), _MOST_DRAWN)
     series = []
     drawn = [("as commanded", BEFORE, state)] + (
         [("compensated", AFTER, after.after)] if after else []
@@ -324,14 +324,14 @@ def _chart_error(state: Along, after: Compensated | None) -> page.Chart:
     for name, colour, each in drawn:
         errors = {"size": each.size, **each.parts}
         columns: dict[str, Any] = {
-            "line": np.asarray(state.path.lines)[some].astype(str)
+            "line": np.asarray(state.path.lines)[evenly].astype(str)
         }
-        columns |= {"length, mm": 1e3 * state.length[some]}
+        columns |= {"length, mm": 1e3 * state.length[evenly]}
         columns |= {
-            f"{word}, mm": 1e3 * values[some] for word, values in errors.items()
+            f"{word}, mm": 1e3 * values[evenly] for word, values in errors.items()
         }
         columns |= {
-            f"{axis}, mm": 1e3 * state.tool[some, k] for k, axis in enumerate("xyz")
+            f"{axis}, mm": 1e3 * state.tool[evenly, k] for k, axis in enumerate("xyz")
         }
         series.append(page.Series(name, colour, columns, size=3))
     _, length, *y = series[0].columns

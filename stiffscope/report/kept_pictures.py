@@ -73,9 +73,9 @@ def write_pictures(orders: Sequence[Order], cache: Cache, manifest: Manifest) ->
         Record of how the results were made.
     """
     with ThreadPoolExecutor(AT_ONCE) as pool:
-        made = [pool.submit(_keep_pictures, order, cache) for order in orders]
+        tasks = [pool.submit(_keep_pictures, order, cache) for order in orders]
         try:
-            for order, each in zip(orders, made, strict=True):
+            for order, each in zip(orders, tasks, strict=True):
                 held, reused, seconds = each.result()
                 if held is not None:
                     for file in kept_files(held):

@@ -141,10 +141,10 @@ class Chart:
 
 def _round_column(values: Sequence[Any] | np.ndarray) -> list[Any]:
     """Return a column, thinned if long, with numbers to six digits and None for missing ones."""
-    some = values[:: max(1, -(-len(values) // MOST_POINTS))]
+    thinned = values[:: max(1, -(-len(values) // MOST_POINTS))]
     return [
         v if isinstance(v, str) else float(f"{v:.6g}") if np.isfinite(v) else None
-        for v in some
+        for v in thinned
     ]
 
 

@@ -159,10 +159,10 @@ def show_each_interface(result: PartResult) -> None:
     error = tested.full_error
     matrices = {}
     for k, place in enumerate(points):
-        own = slice(6 * k, 6 * k + 6)
+        rows = slice(6 * k, 6 * k + 6)
         where = f"{tested.interfaces[k + 1]}, ({point(place, 5)}) mm"
         title = f"Compliance of the {result.name} at {where}, loaded alone; SI"
-        matrices[title] = compliance[own, own], error[own, own]
+        matrices[title] = compliance[rows, rows], error[rows, rows]
     show_matrices(matrices)
     together = (
         f"All {len(points)} interfaces together: {len(compliance)} x {len(compliance)}"

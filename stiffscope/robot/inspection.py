@@ -175,8 +175,8 @@ def inspect_robot(robot: RobotFile) -> Inspection:
         *_of_places(robot, mechanism),
         *_of_masses(robot, masses),
     )
-    made = {"configurations": configurations, "mapped": mapped, "remarks": remarks}
-    return replace(inspection, reach=tuple(ways), poses=poses, **made)
+    facts = {"configurations": configurations, "mapped": mapped, "remarks": remarks}
+    return replace(inspection, reach=tuple(ways), poses=poses, **facts)
 
 
 def _named_poses(
@@ -210,9 +210,15 @@ def _pose(
 ) -> Pose:
     drives = tuple(configurations.drives[k].tolist())
     reason = configurations.reason(k)
-    found = None if reason else mobility(configurations.mechanism, configurations, k)
+    mobility_here = (
+        None if reason else mobility(configurations.mechanism, configurations, k)
+    )
     return Pose(
-        name, tuple(map(float, tool)), reason, drives, found and found.conditioning
+        name,
+        tuple(map(float, tool)),
+        reason,
+        drives,
+        mobility_here and mobility_here.conditioning,
     )
 
 

@@ -129,6 +129,6 @@ def compare_robots(
     )
 
 
-def mass_of(made: Assembled) -> float:
+def mass_of(assembled: Assembled) -> float:
     """Return the mass of a robot's solids and rigid bodies, kg."""
-    return mass_of_solids(made.robot, made.sources, made.results)
+    return mass_of_solids(assembled.robot, assembled.sources, assembled.results)

@@ -353,11 +353,11 @@ class Quantity:
 def list_quantities(stiffness_map: StiffnessMap) -> list[Quantity]:
     """Return all quantities of a map, in the order of its files."""
     where = "; 1/C_ii where a direction is rigid" if stiffness_map.rigid.any() else ""
-    own = "with the robot's own weight"
+    with_weight = "with the robot's own weight"
     out = []
     for mark, values, words in (
         ("", stiffness_map.stiffness, f"stiffness at M without gravity{where}"),
-        ("_loaded", stiffness_map.loaded, f"stiffness at M {own}{where}"),
+        ("_loaded", stiffness_map.loaded, f"stiffness at M {with_weight}{where}"),
     ):
         for k, (name, axis) in enumerate(zip(DIAGONAL, COORDINATES, strict=True)):
             column = name.lower().replace("_", "") + mark
@@ -366,7 +366,9 @@ def list_quantities(stiffness_map: StiffnessMap) -> list[Quantity]:
             out.append(Quantity(*names, values[..., k], *about))
     for k, axis in enumerate(COORDINATES):
         names = (f"push_{axis}", f"push_{axis}", "push")
-        words = f"1/C_ii at M {own}, a push with all other directions free, {axis}"
+        words = (
+            f"1/C_ii at M {with_weight}, a push with all other directions free, {axis}"
+        )
         out.append(Quantity(*names, stiffness_map.push[..., k], _FORCES[k], words))
     for k, axis in enumerate(COORDINATES):
         names = (f"sag_{axis}", f"sag_{axis}", "sag")

@@ -77,10 +77,10 @@ def modes(
     robot = load_robot(name, overrides)
     asked = find_poses(robot, poses, joints)
     manifest = manifest_of(robot)
-    made = assemble(robot, components, output)
+    assembled = assemble(robot, components, output)
     with name_robot(robot):
         vibration_modes = find_modes(
-            made.mechanism, asked.configurations, count, drives=drives
+            assembled.mechanism, asked.configurations, count, drives=drives
         )
     title = f"Natural frequencies, drives {drives}"
     emit(
@@ -88,9 +88,9 @@ def modes(
         modes_json(vibration_modes),
         lambda: show_modes(asked.names, vibration_modes, title),
         manifest=manifest,
-        fill=lambda folder: draw_modes(made, asked.names, vibration_modes, folder),
+        fill=lambda folder: draw_modes(assembled, asked.names, vibration_modes, folder),
         page=lambda report: write_modes_report(
-            report, made, asked.names, vibration_modes
+            report, assembled, asked.names, vibration_modes
         ),
         kept="modes.json",
     )
@@ -163,21 +163,23 @@ def frf(
     read = _port(mechanism, "--to", target)
     given = _band(band)
     manifest = manifest_of(robot)
-    made = assemble(robot, components, output)
+    assembled = assemble(robot, components, output)
     if given is None:
         count = 6 + len(mechanism.drives)
-        frequency = frequencies(
-            made.mechanism, asked.configurations, count, drives=drives
+        natural = frequencies(
+            assembled.mechanism, asked.configurations, count, drives=drives
         )
-        frequency = np.sort(frequency[frequency > 0.0])
+        natural = np.sort(natural[natural > 0.0])
         given = (
-            0.2 * float(frequency[0]),
-            1.5 * float(frequency[: 6 * len(asked.names)][-1]),
+            0.2 * float(natural[0]),
+            1.5 * float(natural[: 6 * len(asked.names)][-1]),
         )
     hertz = np.geomspace(*given, points)
     each = (asked.configurations[np.array([k])] for k in range(len(asked.names)))
     ports = partial(frequency_response, damping=damping, drives=drives)
-    curves = np.stack([ports(made.mechanism, one, shaken, read, hertz) for one in each])
+    curves = np.stack(
+        [ports(assembled.mechanism, one, shaken, read, hertz) for one in each]
+    )
     response = report.Response(
         robot.name,
         asked.names,

@@ -68,14 +68,14 @@ class Configurations:
         return len(self.valid)
 
     def __getitem__(
-        self, some: slice | NDArray[np.intp] | NDArray[np.bool_]
+        self, index: slice | NDArray[np.intp] | NDArray[np.bool_]
     ) -> Configurations:
-        poses = self.poses[some]
-        tool = self.tool[some]
-        valid = self.valid[some]
-        q = self.q[:, some]
-        failure = self.failure[some]
-        culprit = self.culprit[some]
+        poses = self.poses[index]
+        tool = self.tool[index]
+        valid = self.valid[index]
+        q = self.q[:, index]
+        failure = self.failure[index]
+        culprit = self.culprit[index]
         return Configurations(
             mechanism=self.mechanism,
             poses=poses,
@@ -395,11 +395,11 @@ def limit_drives(
     configurations: Configurations, mechanism: Mechanism, slack: float
 ) -> Configurations:
     """Return configurations, valid within the ranges of another mechanism's drives, ± slack, rad or m."""
-    own = {
+    copies = {
         key: getattr(configurations, key).copy()
         for key in ("valid", "failure", "culprit")
     }
-    out = replace(configurations, mechanism=mechanism, **own)
+    out = replace(configurations, mechanism=mechanism, **copies)
     _refuse_beyond(out, *find_ranges(mechanism), slack)
     return out
 
@@ -413,7 +413,7 @@ def _refuse_beyond(
         :, None
     ]
     if outside.any():
-        some = outside.any(axis=1)
-        configurations.culprit[some] = outside[some].argmax(axis=1)
-        failure[some] = RANGE
+        beyond = outside.any(axis=1)
+        configurations.culprit[beyond] = outside[beyond].argmax(axis=1)
+        failure[beyond] = RANGE
         np.equal(failure, 0, out=configurations.valid)

@@ -321,7 +321,7 @@ def _body(name: str, nodes: tuple[str, ...], elastic: Elastic) -> Iterator[Eleme
     factor = _factor(elastic.compliance)
     several = len(nodes) > 2
     for k, (node, at) in enumerate(zip(nodes[1:], elastic.places[1:], strict=True)):
-        own = slice(6 * k, 6 * k + 6)
+        rows = slice(6 * k, 6 * k + 6)
         yield Element(
             node if several else name,
             nodes[0],
@@ -329,8 +329,8 @@ def _body(name: str, nodes: tuple[str, ...], elastic: Elastic) -> Iterator[Eleme
             elastic.axes,
             at,
             nodes[0],
-            factor[own],
-            offset=None if elastic.offset is None else elastic.offset[own],
+            factor[rows],
+            offset=None if elastic.offset is None else elastic.offset[rows],
             group=name if several and factor.shape[1] else "",
         )
 

@@ -189,10 +189,10 @@ def map_segments(
             )
         rows, which = np.unique(segments, axis=0, return_inverse=True)
         for k, row in enumerate(rows.tolist()):
-            some = np.flatnonzero(which.ravel() == k)
+            members = np.flatnonzero(which.ravel() == k)
             linear = find_order(linearize(order.mechanism, row), order.linkage)
             with suppress(InputError):
-                out[some, ..., case] = work(linear, where.some(some))
+                out[members, ..., case] = work(linear, where.some(members))
     return out
 
 

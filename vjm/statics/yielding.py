@@ -106,9 +106,9 @@ def respond(
     weight, times = (
         np.broadcast_to(np.asarray(x, dtype=float), (cases,)) for x in (gravity, misfit)
     )
-    own = own_loads(order, where)
+    weights = own_loads(order, where)
     nodes: dict[str, Array] = {
-        k: w * weight for k, w in own.nodes.items() if weight.any()
+        k: w * weight for k, w in weights.nodes.items() if weight.any()
     }
     for load in loads:
         node = FOOT if load.node == GROUND else load.node
@@ -122,7 +122,7 @@ def respond(
         nodes[node] = nodes.get(node, 0.0) + carry @ wrench
     nodes[END] = nodes.get(END, 0.0) + applied
     offsets: dict[str, Array] = {
-        k: t * times for k, t in own.offsets.items() if times.any()
+        k: t * times for k, t in weights.offsets.items() if times.any()
     }
     out = find_equilibrium(order, where, Loads(cases, nodes, offsets))
     out.nodes[END] = np.array(

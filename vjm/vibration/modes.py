@@ -284,11 +284,11 @@ class _Part:
                 mixed = mixed + strained.mT @ (
                     (inner.error / inner.squares)[:, None] * strained
                 )
-        own = np.einsum("nii->ni", mixed)
+        diagonal = np.einsum("nii->ni", mixed)
         apart = np.abs(self.squares[:, :, None] - self.squares[:, None])
-        bound = np.where(apart <= own[:, :, None] + own[:, None], mixed, 0.0).sum(
-            axis=2
-        )
+        bound = np.where(
+            apart <= diagonal[:, :, None] + diagonal[:, None], mixed, 0.0
+        ).sum(axis=2)
         lowest = np.sqrt(np.maximum(self.squares - bound, 0.0)) / (
             2.0 * np.pi
         )  # the larger side
@@ -374,16 +374,16 @@ def _drop_idle(part: _Part, count: int) -> tuple[_Part, bool]:
     useful = _move_tool_and_drives(part.pencil.system, part.vectors)
     for k, zeros in enumerate(free):
         _, values, turned = np.linalg.svd(useful[k, :, :zeros])
-        kept = int((values > _IDLE * np.abs(useful[k]).max()).sum())
+        moving = int((values > _IDLE * np.abs(useful[k]).max()).sum())
         all_of = [
-            part.vectors[k, :, :zeros] @ turned[:kept].T,
+            part.vectors[k, :, :zeros] @ turned[:moving].T,
             part.vectors[k, :, zeros:],
         ]
-        c = kept + part.squares.shape[1] - zeros
-        squares[k, :c] = np.concatenate([np.zeros(kept), part.squares[k, zeros:]])
+        c = moving + part.squares.shape[1] - zeros
+        squares[k, :c] = np.concatenate([np.zeros(moving), part.squares[k, zeros:]])
         vectors[k, :, :c] = np.hstack(all_of)
         most = max(most, c)
-        idle = idle or kept < zeros
+        idle = idle or moving < zeros
     most = min(most, count)
     return _Part(part.pencil, squares[:, :most], vectors[..., :most]), idle
 
@@ -444,12 +444,12 @@ def _solve(pencil: Pencil, count: int) -> Iterator[_Solved]:
     begin = inverse @ start.vectors[0, :, : wanted + _GUARDS // 2]
     vectors, good = _iterate_subspace(pencil, matrix, begin, wanted)
     if good.any():
-        some = everything[good]
+        solved = everything[good]
         yield (
             _normalize(
-                pencil if good.all() else pencil.some(some), vectors[good], pencil
+                pencil if good.all() else pencil.some(solved), vectors[good], pencil
             ),
-            some,
+            solved,
         )
     if not good.all():
         yield from _solve_densely(pencil.some(everything[~good]), everything[~good])

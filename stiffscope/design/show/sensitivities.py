@@ -113,21 +113,21 @@ def show_part_sensitivity(sensitivity: PartSensitivity, result: PartResult) -> N
 
 
 def _show_at(
-    sensitivity: PartSensitivity, result: PartResult, own: slice, where: str
+    sensitivity: PartSensitivity, result: PartResult, columns: slice, where: str
 ) -> None:
     """Show the table of one loaded interface."""
-    compliance = result.compliance.diagonal()[own]
+    compliance = result.compliance.diagonal()[columns]
     weight = np.abs(result.experiment.self_weight).max(axis=1)
     at = np.abs(result.experiment.self_weight).argmax(axis=1)
     rows = []
-    for name, each in _rank_derivatives(sensitivity, compliance, own):
-        shares = each.value * each.full_compliance.diagonal()[own] / compliance
-        bounds = each.value * each.full_error.diagonal()[own] / compliance
+    for name, each in _rank_derivatives(sensitivity, compliance, columns):
+        shares = each.value * each.full_compliance.diagonal()[columns] / compliance
+        bounds = each.value * each.full_error.diagonal()[columns] / compliance
         sags = each.value * each.self_weight[range(3), at] / weight
         sags *= np.sign(result.experiment.self_weight[range(3), at])
         gain = ""
         if abs(each.mass * each.value) >= 1e-9:
-            gains = -each.full_compliance.diagonal()[own] / compliance / each.mass
+            gains = -each.full_compliance.diagonal()[columns] / compliance / each.mass
             best = int(gains.argmax())
             gain = (
                 f"{COMPLIANCES[best]} {100 * gains[best]:+.3g} %"
@@ -157,13 +157,13 @@ def _show_at(
 
 
 def _rank_derivatives(
-    sensitivity: PartSensitivity, compliance: np.ndarray, own: slice = slice(0, 6)
+    sensitivity: PartSensitivity, compliance: np.ndarray, columns: slice = slice(0, 6)
 ) -> list[tuple[str, Derivative]]:
     """Return derivatives by name, the greatest effect on the diagonal of an interface first."""
 
     def effect(item: tuple[str, Derivative]) -> float:
         return np.abs(
-            item[1].value * item[1].full_compliance.diagonal()[own] / compliance
+            item[1].value * item[1].full_compliance.diagonal()[columns] / compliance
         ).max()
 
     return sorted(sensitivity.derivatives.items(), key=effect, reverse=True)

@@ -235,9 +235,9 @@ def _describe_search(study: Study) -> list[str]:
         found = quantity(nearest.found, unit, 4)
         has = f"design {nearest.design + 1}, has {limit.response} {found}, wanted {limit.text}"
         lines.append(f"No design is feasible: the nearest, {has}")
-        made = int((~study.outcomes.failed).sum())
+        designs_made = int((~study.outcomes.failed).sum())
         lines += [
-            f"{limit.text}: met by {count or 'none'} of {made} designs"
+            f"{limit.text}: met by {count or 'none'} of {designs_made} designs"
             for limit, count in zip(study.file.limits, nearest.met, strict=True)
         ]
     elif len(study.designs) and study.outcomes.failed.all():
@@ -277,18 +277,18 @@ def _design_row(file: StudyFile, design: Design, name: str) -> list[str]:
         value if isinstance(value, str) else quantity(value, v.unit)
         for v, value in zip(file.variables, design.values, strict=True)
     ]
-    found = zip(design.responses, file.responses, strict=True)
+    pairs = zip(design.responses, file.responses, strict=True)
     return [
         name,
         *values,
-        *(quantity(value, r.unit, 5) for value, r in found),
+        *(quantity(value, r.unit, 5) for value, r in pairs),
     ]
 
 
 def _choose_drawn(study: Study) -> np.ndarray:
     """Return the indices of the designs to draw: successful ones, evenly thinned, and the best."""
-    made = np.flatnonzero(~study.outcomes.failed)
-    thin = made[:: max(1, -(-len(made) // MOST_DRAWN))]
+    successful = np.flatnonzero(~study.outcomes.failed)
+    thin = successful[:: max(1, -(-len(successful) // MOST_DRAWN))]
     return np.union1d(thin, np.array(study.best[:MOST_DRAWN], dtype=thin.dtype))
 
 

@@ -287,8 +287,8 @@ def _read_predictions(
     convert = partial(
         readings_in_si, table, header, quantity=keys.quantity, unit_of="value"
     )
-    found = {name: read(name) for name in models}
-    values = np.stack([convert(name, each) for name, each in found.items()], axis=1)
+    columns = {name: read(name) for name in models}
+    values = np.stack([convert(name, each) for name, each in columns.items()], axis=1)
     by_session = "session" in table.columns
     row_of: dict[tuple[Any, ...], int] = {}
     for row, key in enumerate(keys.identities(sessions=by_session)):

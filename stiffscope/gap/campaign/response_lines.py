@@ -133,15 +133,15 @@ def read_lines(
     blocks = list[ResponseBlock]()
     heard = [response for response in measured.responses if response.receptance.any()]
     for responses in _group_by_lines(heard):
-        own = replace(measured, responses=tuple(responses))
+        selected = replace(measured, responses=tuple(responses))
         scatter = np.array(
             [find_scatter(response, measured.setup.averages) for response in responses]
         )
         level = np.max([np.abs(response.receptance) for response in responses], axis=0)
         scatter = np.maximum(scatter, settings.rounding * level)
-        damping = max(own.find_damping(), settings.least_damping)
+        damping = max(selected.find_damping(), settings.least_damping)
         find = _find_means if width else _find_lines
-        blocks.append(find(own, scatter, damping, width, settings))
+        blocks.append(find(selected, scatter, damping, width, settings))
     return tuple(blocks)
 
 
@@ -318,8 +318,8 @@ def place_at_responses(
     campaign: Campaign, responses: Sequence[MeasuredResponses]
 ) -> Campaign:
     """Return a campaign without readings at the poses of its responses."""
-    found = [measured.configuration for measured in responses]
-    axes = found[0].mechanism.tool.commanded_axes
-    poses = np.array([line.tool[0, axes] for line in found])
+    configurations = [measured.configuration for measured in responses]
+    axes = configurations[0].mechanism.tool.commanded_axes
+    poses = np.array([line.tool[0, axes] for line in configurations])
     names = tuple(measured.setup.name for measured in responses)
     return replace(campaign, poses=poses, pose_names=names)

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 def _find_kinds() -> tuple[type[Effect], ...]:
     """Return the effect classes, sorted by precedence."""
-    found: dict[str, type[Effect]] = {}
+    by_word: dict[str, type[Effect]] = {}
     for module in pkgutil.iter_modules(stiffscope.gap.effects.__path__):
         if module.name != "vocabulary":
             for value in vars(
@@ -41,8 +41,8 @@ def _find_kinds() -> tuple[type[Effect], ...]:
                     and issubclass(value, Effect)
                     and "word" in vars(value)
                 ):
-                    found[value.word] = value
-    return tuple(sorted(found.values(), key=lambda kind: kind.precedence))
+                    by_word[value.word] = value
+    return tuple(sorted(by_word.values(), key=lambda kind: kind.precedence))
 
 
 KINDS = _find_kinds()

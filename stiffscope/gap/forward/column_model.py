@@ -104,14 +104,17 @@ class ColumnModel:
                 others.append(_parameter(derivative, column, values))
             elif name != "value":
                 others.append(Candidate("rival", name, action=column))
-        kept: dict[bytes, tuple[Flags, list[str]]] = {}
+        distinct: dict[bytes, tuple[Flags, list[str]]] = {}
         for place, axes in GROUPS.items():
             chosen: Flags = np.isin(
                 self.campaign.direction, [AXES.index(axis) for axis in axes]
             )
             if chosen.any():
-                kept.setdefault(chosen.tobytes(), (chosen, []))[1].append(place)
-        return (*others, *(_scale(chosen, places) for chosen, places in kept.values()))
+                distinct.setdefault(chosen.tobytes(), (chosen, []))[1].append(place)
+        return (
+            *others,
+            *(_scale(chosen, places) for chosen, places in distinct.values()),
+        )
 
     @property
     def tried(self) -> tuple[tuple[Candidate, ...], ...]:
@@ -166,9 +169,9 @@ class ColumnModel:
         unknown: Flags = np.isnan(c.sigma)
         like = c.kind_numbers
         mean = np.sqrt(np.bincount(like, c.value**2) / np.maximum(np.bincount(like), 1))
-        own = np.where(c.relative, np.abs(c.value), mean[like])
-        own = np.where(own > 0, own, max(float(np.abs(c.value).max()), 1e-300))
-        sigma = np.where(unknown, own, c.sigma)
+        level = np.where(c.relative, np.abs(c.value), mean[like])
+        level = np.where(level > 0, level, max(float(np.abs(c.value).max()), 1e-300))
+        sigma = np.where(unknown, level, c.sigma)
         outlier = self._outliers(sigma, unknown)
         remarks = [
             f"left out as an outlier: {c.where(int(i))}"

@@ -55,9 +55,9 @@ class InstrumentReadings:
 
     def _names_of(self, sensor: int) -> tuple[str, ...]:
         """Return names of an instrument in effects; `instrument` is all if nothing is read at M."""
-        own = [] if sensor < 0 else [self.campaign.sensors[sensor].name]
+        sensor_names = [] if sensor < 0 else [self.campaign.sensors[sensor].name]
         common = [INSTRUMENT] if sensor < 0 or not self.at_tool.any() else []
-        return tuple(dict.fromkeys(own + common))
+        return tuple(dict.fromkeys(sensor_names + common))
 
     def gain(self, sensor: int) -> float:
         """Return the mean gain of an instrument over all directions."""

@@ -204,10 +204,10 @@ class JointPrediction:
         stiffer = dict[str, "Array"]()
         for name in moved.elements:
             for kind, into in (("compliance", softer), ("spring", stiffer)):
-                mine, rates = moved.find_rates(name, kind)
-                if len(mine):
+                rows, rates = moved.find_rates(name, kind)
+                if len(rows):
                     whole = np.zeros((count, *rates.shape[1:]))
-                    whole[mine] = rates
+                    whole[rows] = rates
                     into[name] = whole
         out = state.soften(softer, count) + state.stiffen(stiffer, count)
         loaded = [_find_payloads(step) for step in steps]

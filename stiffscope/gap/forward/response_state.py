@@ -230,8 +230,8 @@ class _Damping:
     def find_distance(self, count: int, limits: NuisanceSettings) -> Array:
         """Return all nuisances (count,), damping first, from the usual ones in prior sizes."""
         out = np.zeros(count)
-        own = np.log(self.ratios[self.fitted] / self.usual) / limits.damping
-        both = np.concatenate([own, self.coupling / limits.coupling])
+        log_ratios = np.log(self.ratios[self.fitted] / self.usual) / limits.damping
+        both = np.concatenate([log_ratios, self.coupling / limits.coupling])
         out[: len(both)] = both
         return out
 
@@ -458,11 +458,11 @@ class ResponseState:
     @cached_property
     def _crossing(self) -> list[tuple[Array, Array]]:
         """Displacements along two directions square to each port's."""
-        own = self.directions[:, :3] + self.directions[:, 3:]
-        least = np.eye(3)[np.argmin(np.abs(own), axis=1)]
-        second = np.cross(own, least)
+        sums = self.directions[:, :3] + self.directions[:, 3:]
+        least = np.eye(3)[np.argmin(np.abs(sums), axis=1)]
+        second = np.cross(sums, least)
         second = second / np.linalg.norm(second, axis=1, keepdims=True)
-        third = np.cross(own, second)
+        third = np.cross(sums, second)
         turns: Flags = np.any(self.directions[:, 3:] != 0.0, axis=1, keepdims=True)
         return [
             self._project(
@@ -520,23 +520,23 @@ class ResponseState:
         """Usual damping of the near modes; fitted are those that are heard in or beside the band."""
         lines = self.block.frequency
         limits = self.settings
-        found = self.frequencies[self._near]
+        hertz = self.frequencies[self._near]
         ratio = self.block.damping
-        beside = (found > lines[0] / limits.beside) & (
-            found < lines[-1] * limits.beside
+        beside = (hertz > lines[0] / limits.beside) & (
+            hertz < lines[-1] * limits.beside
         )
         modes = np.flatnonzero(beside)
         # the peak of each mode, 1/(2 ζ k), in the responses over their noise nearby
-        at = np.abs(np.log(found[modes, None] / lines)).argmin(axis=1)
+        at = np.abs(np.log(hertz[modes, None] / lines)).argmin(axis=1)
         force, motion = self.pairs.T
-        own = self._near[modes]
-        part = self.ports[force][:, own] * self.ports[motion][:, own]
-        peak = np.abs(part) / (2.0 * ratio * self.modes.stiffness[own])
+        nearest = self._near[modes]
+        part = self.ports[force][:, nearest] * self.ports[motion][:, nearest]
+        peak = np.abs(part) / (2.0 * ratio * self.modes.stiffness[nearest])
         heard = np.any(peak > limits.heard * self.block.noise[:, at], axis=0)
         fitted = modes[heard]
-        apart = np.abs(np.log(found[fitted, None] / found[fitted]))
+        apart = np.abs(np.log(hertz[fitted, None] / hertz[fitted]))
         close = np.argwhere(np.triu(apart < limits.close * ratio, 1))
-        ratios = np.full(len(found), ratio)
+        ratios = np.full(len(hertz), ratio)
         return _Damping(ratios, fitted, fitted[close], np.zeros(len(close)), ratio)
 
     @cached_property
@@ -591,8 +591,8 @@ class ResponseState:
         """Amplitudes (d, p, f) of the modes under unit forces at the ports."""
         mass = self.modes.mass[:, None]
         stiffness = self.modes.stiffness[:, None]
-        own = 1.0 / (stiffness + self.s**2 * mass)
-        out = own[:, None] * self.ports.T[..., None]
+        modal_response = 1.0 / (stiffness + self.s**2 * mass)
+        out = modal_response[:, None] * self.ports.T[..., None]
         out[self._near] = self._fitted.amplitudes
         return out
 
@@ -616,14 +616,14 @@ class ResponseState:
         mass = self.modes.mass[near, None]
         stiffness = self.modes.stiffness[near, None]
         loss = (damping.ratios * self._loss)[:, None]
-        own = 1.0 / (stiffness + s * (loss + s * mass))
+        modal_response = 1.0 / (stiffness + s * (loss + s * mass))
         ports = self.ports[:, near]
-        out = own[:, None] * ports.T[..., None]
+        out = modal_response[:, None] * ports.T[..., None]
         for cluster in damping.find_clusters():
             whole = damping.couple(cluster, self._loss)
             dynamic = s[:, None, None] * whole
             at = np.arange(len(cluster))
-            dynamic[:, at, at] = 1.0 / own[cluster].T
+            dynamic[:, at, at] = 1.0 / modal_response[cluster].T
             forces = np.broadcast_to(
                 ports.T[cluster].astype(complex),
                 (len(s), len(cluster), len(ports)),

@@ -265,5 +265,7 @@ class RobotModel:
         beyond = inspect_ranges(
             self.campaign, self.nominal.mechanism, self._sound.at.configurations
         )
-        own = find_remarks(nominal, self.predict_as, noise, unexplained, weight)
-        return (*(remark.text for remark in beyond), *own)
+        robot_remarks = find_remarks(
+            nominal, self.predict_as, noise, unexplained, weight
+        )
+        return (*(remark.text for remark in beyond), *robot_remarks)

@@ -125,8 +125,8 @@ class RobotReadings(InstrumentReadings):
         out = np.zeros((len(c), at.cases))
         wrench = self.force_scale * self.true_wrench
         for load in range(-1, len(c.loads)):
-            mine = c.is_loaded & c.is_motion & (c.load == load)
-            out[mine, at.load_cases(load)] = wrench[mine]
+            rows = c.is_loaded & c.is_motion & (c.load == load)
+            out[rows, at.load_cases(load)] = wrench[rows]
         out[c.shows_rest] += self.rest_loads
         return out
 
@@ -228,11 +228,11 @@ class RobotReadings(InstrumentReadings):
             c.shows_rest[:, None], self.rest_loads, 0.0
         )
         for k, sensor in enumerate(c.sensors):
-            mine = np.flatnonzero(c.sensor == k)
-            if sensor.absolute and mine.size:
-                motion = self.elastic_state.move_sensor(k)[c.pose[mine]]
-                moved = np.einsum("nij,nj->ni", motion, pushes[mine])
-                out[mine] = np.einsum("ni,ni->n", self.axis[mine], moved)
+            rows = np.flatnonzero(c.sensor == k)
+            if sensor.absolute and rows.size:
+                motion = self.elastic_state.move_sensor(k)[c.pose[rows]]
+                moved = np.einsum("nij,nj->ni", motion, pushes[rows])
+                out[rows] = np.einsum("ni,ni->n", self.axis[rows], moved)
         return out
 
     @cached_property

@@ -167,15 +167,15 @@ def _displacement_noise(c: Campaign, sigma: Array) -> Array:
     ]
     out = np.where(turns, ROTATION, DISPLACEMENT)
     for channel in range(len(out)):
-        mine = moving & (c.channel == channel)
+        rows = moving & (c.channel == channel)
         if channel >= len(c.sensors):
-            mine = (
+            rows = (
                 moving
                 & (c.sensor < 0)
                 & (c.direction // 3 == (channel - len(c.sensors)) // 3)
             )
-        if mine.any():
-            out[channel] = np.median(sigma[mine])
+        if rows.any():
+            out[channel] = np.median(sigma[rows])
     return out
 
 

@@ -110,9 +110,9 @@ def _exchange_twins(best: Hypothesis) -> Iterator[Hypothesis]:
             scales = np.where(best.mark(lambda c, own=candidate: c is own), rate, 1.0)
             spread = best.covariance * np.outer(scales, scales)
             known = replace(best.known, find_covariance=lambda spread=spread: spread)
-            own = (twin, (rate * values[0],))
+            signature = (twin, (rate * values[0],))
             yield replace(
                 best,
-                parameters=(*best.parameters[:k], own, *best.parameters[k + 1 :]),
+                parameters=(*best.parameters[:k], signature, *best.parameters[k + 1 :]),
                 known=known,
             )

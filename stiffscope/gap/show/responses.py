@@ -190,15 +190,15 @@ def draw_compared(
         save_figures(folder, {curves: figure})
         if draw is None:
             continue
-        found = measured.configuration
-        mechanism = found.mechanism
+        configuration = measured.configuration
+        mechanism = configuration.mechanism
         place = pose_text(
-            mechanism, found.tool[0, mechanism.tool.commanded_axes].tolist()
+            mechanism, configuration.tool[0, mechanism.tool.commanded_axes].tolist()
         )
         picture = {
             "file": f"{points}.png",
             "title": f"{robot.name}, points of {measured.setup.name} at {place}",
-            "moves": place_robot(found, 0).moves,
+            "moves": place_robot(configuration, 0).moves,
             "names": True,
         }
         with optional_pictures():

@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 
 def _check_both(value: Any) -> Any:
     pair = value if isinstance(value, list | tuple) else [value, value]
-    found = tuple(q.to_si(each, q.NUMBER) for each in pair)
+    numbers = tuple(q.to_si(each, q.NUMBER) for each in pair)
     require(
-        len(found) == 2 and all(0.5 < each < 1.0 for each in found),
+        len(numbers) == 2 and all(0.5 < each < 1.0 for each in numbers),
         "",
         "a groove radius over ball diameter such as 0.52",
         q.show_value(value),
     )
-    return found
+    return numbers
 
 
 _THREE = 'three forces, along the axis first, such as ["0 N", "500 N", "0 N"]'

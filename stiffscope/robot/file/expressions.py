@@ -63,14 +63,14 @@ class Expression:
 
     def value(self, values: Mapping[str, float]) -> float:
         """Return its value, SI, given its names' values; ValueError unless finite and real."""
-        found = _evaluate(self.tree, self.text, values)
+        result = _evaluate(self.tree, self.text, values)
         require(
-            math.isfinite(found),
+            math.isfinite(result),
             "",
             "an expression of finite value",
             "one that is too large",
         )
-        return found
+        return result
 
     def powers(self, known: Mapping[str, Powers | None]) -> Powers | None:
         """What it measures, from what its names do; None if a number without a unit leaves it open.
@@ -182,9 +182,9 @@ def _measure(  # noqa: PLR0911 (one for each kind of node)
         name = _join_dotted(node, text)
         return PLAIN if name in CONSTANTS else known.get(name)
     operation, operands = _operation(node, text)
-    found = [_measure(operand, text, known) for operand in operands]
-    first = found[0]
-    last = found[-1]
+    measured = [_measure(operand, text, known) for operand in operands]
+    first = measured[0]
+    last = measured[-1]
     match node:
         case ast.UnaryOp():
             return first
@@ -196,7 +196,7 @@ def _measure(  # noqa: PLR0911 (one for each kind of node)
                 _ANGLE
                 if isinstance(node, ast.Call)
                 else None
-                if None in found
+                if None in measured
                 else alike
             )
         case ast.BinOp(op=ast.Pow(), right=power):

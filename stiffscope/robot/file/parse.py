@@ -108,9 +108,9 @@ class Text(str):
 
     def __new__(cls, text: str, where: str) -> Self:
         """Create a text at "FILE:LINE: FIELD"."""
-        found = super().__new__(cls, text)
-        found.where = where
-        return found
+        placed = super().__new__(cls, text)
+        placed.where = where
+        return placed
 
 
 def place_of(option: str, text: str) -> str:

@@ -99,9 +99,9 @@ class Measured(float):
 
     def __new__(cls, value: float, powers: Powers | None = None) -> Self:
         """A number with the powers of its units; None where they are not known."""
-        found = super().__new__(cls, value)
-        found.powers = powers
-        return found
+        number = super().__new__(cls, value)
+        number.powers = powers
+        return number
 
 
 _UNITS = dict(
@@ -238,9 +238,9 @@ def _factor(unit: str, si: str) -> float:
     """What one of a unit is in SI. Raises whatever pint does for what is no such unit."""
     if unit in USUAL and si in SI:
         base, factor = USUAL[unit]
-        found = powers_of(base) or PLAIN
+        powers = powers_of(base) or PLAIN
         wanted = powers_of(si) or PLAIN
-        if found[:-1] != wanted[:-1] or found[-1] not in {0.0, wanted[-1]}:
+        if powers[:-1] != wanted[:-1] or powers[-1] not in {0.0, wanted[-1]}:
             raise ValueError(f"{unit} is no {si}")
         return factor
     _check_unit(unit)

@@ -273,9 +273,9 @@ def _read_material(name: str, table: Any) -> AnyMaterial:
     model = (
         Fibrous if isinstance(table, dict) and "axial_modulus" in table else Isotropic
     )
-    made = read_table(model, table, key)
+    section = read_table(model, table, key)
     try:
-        return made.build(name)
+        return section.build(name)
     except InputError as error:  # "materials.NAME.density: expected …"
         where, _, message = (
             str(error).removeprefix(f"materials.{name}.").partition(": ")
@@ -301,7 +301,7 @@ def _read_groups(
                     others = [other for other in table if other != name]
                     one_of(each, [*elements, *others], "a body, a joint or a group")
 
-    found: dict[str, tuple[str, ...]] = {}
+    groups: dict[str, tuple[str, ...]] = {}
 
     def members(name: str, above: tuple[str, ...] = ()) -> tuple[str, ...]:
         require(
@@ -316,15 +316,15 @@ def _read_groups(
             f"at most {_DEEPEST} groups within each other",
             "more",
         )
-        if name not in found:
+        if name not in groups:
             parts = (
                 members(word, (*above, name))
                 if word in table
                 else [find_element(word, bodies, joints) or word]
                 for word in table[name]
             )
-            found[name] = tuple(dict.fromkeys(chain.from_iterable(parts)))
-        return found[name]
+            groups[name] = tuple(dict.fromkeys(chain.from_iterable(parts)))
+        return groups[name]
 
     return {name: members(name) for name in table}
 

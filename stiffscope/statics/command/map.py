@@ -118,9 +118,9 @@ def map_(
     if at is not None:
         fixed = tuple(find_poses(robot, (at,), ()).configurations.poses[0].tolist())
     manifest = manifest_of(robot)
-    made = assemble(robot, components, output)
+    assembled = assemble(robot, components, output)
     swept = evaluated.map_volume(
-        made.mechanism,
+        assembled.mechanism,
         ranges,
         points,
         gravity=gravity,
@@ -128,8 +128,8 @@ def map_(
         frequencies=count,
         wanted=wanted,
     )
-    found = swept.maps[0] if len(ranges) == 2 else swept
-    slices = maps.pick_slices(found)
+    stiffness_map = swept.maps[0] if len(ranges) == 2 else swept
+    slices = maps.pick_slices(stiffness_map)
     figures: dict[
         str, tuple[str, StiffnessMap, Callable[[StiffnessMap], list[maps.Panel]]]
     ] = {}
@@ -140,11 +140,13 @@ def map_(
 
     def fill(folder: Path) -> None:
         with ThreadPoolExecutor(1) as pool:
-            drawn = pool.submit(draw_named_poses, made, folder)  # in a separate process
+            drawn = pool.submit(
+                draw_named_poses, assembled, folder
+            )  # in a separate process
             title = f"{robot.name}: stiffness over the workspace, gravity {gravity}"
-            evaluated.write_map(found, folder, title)
-            if isinstance(found, evaluated.StiffnessVolume):
-                maps.write_volume(evaluated.volume_dataset(found), folder)
+            evaluated.write_map(stiffness_map, folder, title)
+            if isinstance(stiffness_map, evaluated.StiffnessVolume):
+                maps.write_volume(evaluated.volume_dataset(stiffness_map), folder)
             for stem, (words, each, panels) in figures.items():
                 files = folder / f"{stem}.png", folder / f"{stem}.svg"
                 maps.draw_map(
@@ -155,10 +157,10 @@ def map_(
     titles = {stem: words for stem, (words, *_) in figures.items()}
     emit(
         output,
-        lambda: evaluated.volume_dataset(found).to_dict(),
+        lambda: evaluated.volume_dataset(stiffness_map).to_dict(),
         manifest=manifest,
         fill=fill,
-        page=lambda report: write_map_report(report, made, titles),
+        page=lambda report: write_map_report(report, assembled, titles),
     )
 
 

@@ -128,9 +128,9 @@ def assemble(
     """
     with open_workshop(output) as shop:
         robots = assemble_robots({"now": robot}, components, shop, whole=whole)
-        made = robots["now"]
-    warn_of_robot(made)
-    return made
+        assembled = robots["now"]
+    warn_of_robot(assembled)
+    return assembled
 
 
 @click.command()

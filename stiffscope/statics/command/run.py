@@ -191,10 +191,10 @@ def _watch(
                 robot = _load_checked(name, overrides, tolerance)
                 watched[:] = sources(robot)
                 manifest = manifest_of(robot)
-                made = assemble_robots(
+                assembled = assemble_robots(
                     {"now": robot}, components, shop, whole=False, near=meshed
                 )
-                now = made["now"]
+                now = assembled["now"]
                 state = at_named_poses(now, robot.poses)
                 step = _Step(
                     now,

@@ -108,8 +108,8 @@ def _tool(m: Mobility) -> str:
     names = {
         w: [name for name, word in m.coordinates.items() if word == w] for w in words
     }
-    said = (f"{word}: {', '.join(each)}" for word, each in names.items() if each)
-    return "; ".join([str(len(m.tool)), *said])
+    lines = (f"{word}: {', '.join(each)}" for word, each in names.items() if each)
+    return "; ".join([str(len(m.tool)), *lines])
 
 
 def _actuation(inspection: Inspection) -> str:

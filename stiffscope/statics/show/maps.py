@@ -324,11 +324,11 @@ def write_volume(dataset: xr.Dataset, folder: Path) -> None:
 
 def held_text(stiffness_map: StiffnessMap) -> str:
     """Return what is held for the end of a title: ", y = 0 mm, turntable as at home"; "" if there is nothing."""
-    said = ""
+    text = ""
     for name, value in stiffness_map.at.items():
         factor, unit = shown_unit(name)
-        said += f", {name} = {factor * value:z.5g} {unit}"
-    return said + "".join(f", {name} as at home" for name in stiffness_map.still)
+        text += f", {name} = {factor * value:z.5g} {unit}"
+    return text + "".join(f", {name} as at home" for name in stiffness_map.still)
 
 
 def stiffness_title(stiffness_map: StiffnessMap) -> str:
