@@ -34,6 +34,9 @@ from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
 
 LINES = 2000
+ALONG = 0.0, 0.25, 0.5, 0.75, 1.0  # static poses between the two postures
+PUSH = 100.0  # N
+SCATTER = 0.01  # of static readings, relative to their rms
 MODES = 8  # within the band
 CAUSES = (
     "nothing",
@@ -141,8 +144,30 @@ def plant(cause, machine, pose, rng):
     return changed, truth
 
 
-def write(folder, name, cause, seed):
-    """Write a campaign; return the truth."""
+def write_readings(folder, robot, machine, poses, seed):
+    """Write deflections of a machine under pushes from the first pose to the last, and list them."""
+    rng = np.random.default_rng([seed, 78])
+    spot = tool_spot(machine)
+    along = np.array(ALONG)[:, None]
+    between = (1.0 - along) * poses[0] + along * poses[-1]
+    moved = PUSH * respond(machine, between, [spot]).find_twists(spot)[:, :3, :3]
+    sigma = float(SCATTER * np.sqrt(np.mean(moved**2)))
+    shown = moved + sigma * rng.standard_normal(moved.shape)
+    rows = [
+        ",".join([*robot.tool.pose, "fx", "fy", "fz", "quantity", "value", "sigma"])
+    ]
+    for pose, by_quantity in zip(between.tolist(), shown.tolist(), strict=True):
+        for name, by_push in zip(("dx", "dy", "dz"), by_quantity, strict=True):
+            for axis, value in enumerate(by_push):
+                push = [PUSH * (k == axis) for k in range(3)]
+                rows.append(",".join(map(str, [*pose, *push, name, value, sigma])))
+    (folder / "readings.csv").write_text("\n".join(rows) + "\n")
+    header = folder / "campaign.toml"
+    header.write_text('readings = "readings.csv"\n' + header.read_text())
+
+
+def write(folder, name, cause, seed, *, read=False):
+    """Write a campaign, with static readings or without; return the truth."""
     rng = np.random.default_rng([seed, CAUSES.index(cause), list(ROBOTS).index(name)])
     robot = load_robot(name)
     machine = machine_of(robot, part_matrices(robot, "beam"))
@@ -162,6 +187,8 @@ def write(folder, name, cause, seed):
     measured = record(true, plan, noise, np.random.default_rng([seed, 77]))
     setups = dict(zip(names, names, strict=True))
     write_responses(folder, plan, measured, robot=name, names=setups, components="beam")
+    if read:
+        write_readings(folder, robot, changed, poses, seed)
     (folder / "truth.json").write_text(json.dumps(truth))
     return truth
 
@@ -207,6 +234,7 @@ def main():
     parser.add_argument("-r", "--robot", action="append")
     parser.add_argument("-c", "--cause", action="append")
     parser.add_argument("-s", "--seed", action="append", type=int)
+    parser.add_argument("--readings", action="store_true", help="static ones beside")
     chosen = parser.parse_args()
     from stiffscope.gap.campaigns import diagnose
     from stiffscope.gap.inference.diagnosis import to_json
@@ -215,7 +243,7 @@ def main():
         for name in chosen.robot or ROBOTS:
             for cause in chosen.cause or CAUSES:
                 folder = chosen.folder / f"{name}-{cause}-{seed}"
-                truth = write(folder, name, cause, seed)
+                truth = write(folder, name, cause, seed, read=chosen.readings)
                 start = time.process_time()
                 answer = to_json(diagnose(folder))
                 seconds = time.process_time() - start
