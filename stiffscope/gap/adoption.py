@@ -72,42 +72,42 @@ def adopt(
     if diagnosis.verdict not in {"identified", "partly"}:  # whose effects are certain
         verdict = f"the verdict is {diagnosis.verdict}, not identified"
         raise InputError(f"--adopt: nothing is adopted: {verdict}")
-    effects = (*diagnosis.effects, *diagnosis.beside)  # values are only valid jointly
-    heavy = Gravity.word in {*modelled, *(e.effect for e in effects)} or robot.carries(
+    found = (*diagnosis.effects, *diagnosis.beside)  # values are only valid jointly
+    heavy = Gravity.word in {*modelled, *(e.effect for e in found)} or robot.carries(
         Gravity.word
     )
-    left = list(_refusals(bare, effects, heavy=heavy))
+    left = list(_refusals(bare, found, heavy=heavy))
     if left:
         raise InputError(f"--adopt: nothing is adopted: {'; '.join(left)}")
     document = robot_document(robot, target, components)
-    multiplied = _multiply_out(effects, diagnosis)
+    multiplied = _multiply_out(found, diagnosis)
     entries = [_entry(effect, diagnosis, campaign) for effect in multiplied]
     output.write_new(target, _text(document, entries).encode())
 
 
-def _multiply_out(effects: Sequence[Effect], diagnosis: Diagnosis) -> list[Effect]:
+def _multiply_out(found: Sequence[Effect], diagnosis: Diagnosis) -> list[Effect]:
     """Return effects with each drive's resulting factor where a set and a member both soften it."""
-    soft = [e for e in effects if e.effect == ActuatorStiffness.word]
+    soft = [e for e in found if e.effect == ActuatorStiffness.word]
     changed = {
         name: drive
         for name, drive in diagnosis.drives.items()
         if drive.seen and drive.value != drive.stated
     }
     if len(soft) < _LEAST_TOGETHER or not changed:
-        return list(effects)
-    out = [e for e in effects if e not in soft]
+        return list(found)
+    out = [e for e in found if e not in soft]
     for name, drive in changed.items():
         factor = Parameter(drive.value / drive.stated, drive.sigma / drive.stated, "1")
-        entry = {"place": name, "parameters": {"factor": factor}, "errors": {}}
-        out.append(replace(soft[0], **entry))
+        own = {"place": name, "parameters": {"factor": factor}, "errors": {}}
+        out.append(replace(soft[0], **own))
     return out
 
 
 def _refusals(
-    bare: NominalRobot, effects: Sequence[Effect], *, heavy: bool
+    bare: NominalRobot, found: Sequence[Effect], *, heavy: bool
 ) -> Iterator[str]:
     """Yield reasons why effects cannot be adopted. heavy: whether the robot's weight will act."""
-    for effect in effects:
+    for effect in found:
         if effect.effect == UNNAMED:
             yield f"{effect.place}: fitted together with the effects, but not a known effect"
             continue

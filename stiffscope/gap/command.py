@@ -97,10 +97,8 @@ def diagnose(
             if diagnosis.responses:
                 gap_tables.write_modes(folder / "modes.csv", diagnosis)
             orders = [order_figures(diagnosis, folder)]
-            if nominal and ahead and (configurations := configure_case(case, nominal)):
-                orders += order_shares(
-                    nominal, diagnosis, configurations, folder, ahead
-                )
+            if nominal and ahead and (found := configure_case(case, nominal)):
+                orders += order_shares(nominal, diagnosis, found, folder, ahead)
             write_pictures(orders, shop.cache, manifest)
 
         def carry() -> None:
@@ -152,12 +150,8 @@ def _write_page(
         facts.append(
             f"nominal robot {nominal.robot.name} ({tables.sources(nominal)}; {modelled})"
         )
-        configurations = configure_case(case, nominal)
-        view = (
-            share_view(report, nominal, diagnosis, configurations)
-            if configurations
-            else None
-        )
+        found = configure_case(case, nominal)
+        view = share_view(report, nominal, diagnosis, found) if found else None
     title = f"Where is the gap? {case.name}"
     write_diagnosis_report(report, diagnosis, title=title, facts=facts, view=view)
 
@@ -221,11 +215,11 @@ def new_campaign(
     if given is not None and ask is None:
         raise InputError("--with: expected a question, --ask, too")
     if ask is not None:
-        given_campaign = None if given is None else _load_own(given, robot)
+        own = None if given is None else _load_own(given, robot)
         with open_workshop(output) as shop:
-            assembled = assemble_robots({"nominal": robot}, "beam", shop)["nominal"]
-        nominal = NominalRobot(assembled.mechanism, robot)
-        proposal = propose_plan(nominal, ask, given_campaign)
+            made = assemble_robots({"nominal": robot}, "beam", shop)["nominal"]
+        nominal = NominalRobot(made.mechanism, robot)
+        proposal = propose_plan(nominal, ask, own)
         plan = {"plan": campaign_check.plan_json(proposal)}
     poses, readings = write_template(robot, named, goal, proposal and proposal.plan)
 
@@ -269,21 +263,17 @@ def check_campaign(name: str, *, output: Output) -> None:
         if output.folder and case.robot
         else nullcontext() as draw
     ):
-        configurations = configure_case(case)
-        remarks = inspect_case(case, configurations)
+        found = configure_case(case)
+        remarks = inspect_case(case, found)
         compared = compare_responses(case)
         facts = campaign_check.campaign_json(case.campaign, remarks, compared)
 
         def fill(folder: Path) -> None:
             if case.robot is not None:
                 draw_compared(draw, case.robot, compared, folder)
-            if (
-                case.robot is not None
-                and configurations is not None
-                and draw is not None
-            ):
+            if case.robot is not None and found is not None and draw is not None:
                 campaign_check.draw_sensors(
-                    draw, case.robot, configurations, case.campaign, folder
+                    draw, case.robot, found, case.campaign, folder
                 )
 
         emit(

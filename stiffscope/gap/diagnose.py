@@ -131,51 +131,48 @@ def forward_model(
     return JointModel(RobotModel(campaign, robot), tuple(responses))
 
 
-def conclude(findings: Findings) -> Diagnosis:
+def conclude(found: Findings) -> Diagnosis:
     """Return the diagnosis of a search: the verdict with all its numbers."""
     others = {
         prior: (other, judge_findings(other).verdict)
-        for prior, other in _under_other_priors(findings).items()
+        for prior, other in _under_other_priors(found).items()
     }
-    judgement = settle_verdict(findings, judge_findings(findings), others)
+    judgement = settle_verdict(found, judge_findings(found), others)
     reported = judgement.hypothesis
     joint = (
-        findings.best
-        if forms_of(reported.words) <= forms_of(findings.best.words)
-        and not adds_little(findings, reported, findings.best)
+        found.best
+        if forms_of(reported.words) <= forms_of(found.best.words)
+        and not adds_little(found, reported, found.best)
         else reported
     )
-    unseen = tuple(_unseen(findings, joint, judgement.effects))
+    unseen = tuple(_unseen(found, joint, judgement.effects))
     left = (
-        max(findings.misfit(joint), 1.0) if judgement.verdict == "partly" else 1.0
+        max(found.misfit(joint), 1.0) if judgement.verdict == "partly" else 1.0
     )  # shows in the values, too
     averaged = [
         (h.widen_covariance(left), w)
-        for h, w in average_over(findings, joint, judgement.effects)
+        for h, w in average_over(found, joint, judgement.effects)
     ]
-    effects = _effects(findings, judgement, joint, averaged)
-    residual = findings.held_out_residual(reported)
-    check, held_out = _check(findings, reported, residual)
-    gap = _gap(findings, reported, residual)
-    responses, gaps = describe_responses(findings, reported)
+    effects = _effects(found, judgement, joint, averaged)
+    residual = found.held_out_residual(reported)
+    check, held_out = _check(found, reported, residual)
+    gap = _gap(found, reported, residual)
+    responses, gaps = describe_responses(found, reported)
     gap = replace(gap, absolute={**gap.absolute, **gaps})
     beyond = judgement.verdict in {"partly", "unexplained"}
-    together = correlation(findings, reported)
+    together = correlation(found, reported)
     listed = 1.0 - VERDICT.unlisted if judgement.verdict == "unexplained" else 1.0
     open_ones = [
-        (name, listed * p)
-        for name, p in doubtful(findings, judgement.effects)[:_LISTED]
+        (name, listed * p) for name, p in doubtful(found, judgement.effects)[:_LISTED]
     ]
     widened = f"{together}: intervals are widened by a discrepancy"
     remarks = (
-        *findings.problem.noise.remarks,
-        *findings.model.remarks(
-            findings.problem.noise, findings.residual(findings.none)
-        ),
+        *found.problem.noise.remarks,
+        *found.model.remarks(found.problem.noise, found.residual(found.none)),
         *judgement.remarks,
         *([widened] if together and not beyond else []),
         *unseen,
-        *_counts(findings, reported),
+        *_counts(found, reported),
     )
     names = [c.name for c in judgement.effects]
     beside = [c for c in joint.candidates if names and c.name not in names]
@@ -188,47 +185,47 @@ def conclude(findings: Findings) -> Diagnosis:
         gap,
         effects,
         tuple(
-            replace(alternative, probability=listed * alternative.probability)
-            for alternative in _alternatives(findings, reported if effects else None)
+            replace(each, probability=listed * each.probability)
+            for each in _alternatives(found, reported if effects else None)
         ),
-        locate_residuals(findings, reported, beyond=beyond),
-        *find_next(findings, effects, is_open=judgement.verdict == "ambiguous"),
+        locate_residuals(found, reported, beyond=beyond),
+        *find_next(found, effects, is_open=judgement.verdict == "ambiguous"),
         remarks,
         _steps(gap, effects),
-        signature_correlation(findings),
+        signature_correlation(found),
         tuple(Possible(*name.split(" @ "), p) for name, p in open_ones),  # type: ignore[arg-type]
         sensitivity=sensitivity,
         held_out_check=check,
         samples=draw_samples(
-            findings,
+            found,
             averaged if effects else [(reported, 1.0)],
             judgement.effects,
             held_out,
             reported,
         ),
         beside=tuple(
-            _describe(findings, joint, reported, c, [(joint, 1.0)]) for c in beside
+            _describe(found, joint, reported, c, [(joint, 1.0)]) for c in beside
         ),
         responses=responses,
-        drives=list_drives(findings, joint if effects else findings.none, left),
+        drives=list_drives(found, joint if effects else found.none, left),
     )
 
 
 def _effects(
-    findings: Findings, judgement: Judgement, joint: Hypothesis, averaged: Averaged
+    found: Findings, judgement: Judgement, joint: Hypothesis, averaged: Averaged
 ) -> tuple[Effect, ...]:
     """Return named effects by descending share, with parameters fitted jointly with likely ones."""
-    share = shares(findings, judgement.hypothesis)
+    share = shares(found, judgement.hypothesis)
     out: list[Effect] = []
     for candidate in sorted(judgement.effects, key=lambda c: -share[c.name]):
-        group = findings.group(candidate.name)
-        effect = _describe(findings, joint, judgement.hypothesis, candidate, averaged)
+        group = found.group(candidate.name)
+        effect = _describe(found, joint, judgement.hypothesis, candidate, averaged)
         alike = judgement.alike.get(candidate.name, ())
         names = tuple(dict.fromkeys([*group.others, *alike]))
         shared = effect.probability / (1.0 + len(alike))
         effect = replace(effect, probability=shared)
-        fields = {"confused_with": names, "group_probability": group.probability}
-        out.append(replace(effect, share=share[candidate.name], **fields))
+        own = {"confused_with": names, "group_probability": group.probability}
+        out.append(replace(effect, share=share[candidate.name], **own))
     return tuple(out)
 
 
@@ -248,8 +245,8 @@ def _describe(
     if _is_open(c, parameters):
         if not impossible(c, joint):
             errors = parameters  # one of the values that make up these sums
-        columns = joint.mark(lambda other: other.name == c.name)
-        parameters = _sums(c, *own_part(joint, c.name), joint.known.scales[columns])
+        own = joint.mark(lambda other: other.name == c.name)
+        parameters = _sums(c, *own_part(joint, c.name), joint.known.scales[own])
     return Effect(c.effect, c.place, probability, left, parameters, errors=errors)
 
 
@@ -383,40 +380,38 @@ def _intervals(
     return [(float(low), float(high)) for low, high in ends]
 
 
-def _under_other_priors(findings: Findings) -> dict[str, Findings]:
+def _under_other_priors(found: Findings) -> dict[str, Findings]:
     """Return the hypotheses under prior odds or sizes that are ten times larger or smaller."""
-    problem = findings.problem
+    problem = found.problem
     others = {
         "odds of an effect × 10": replace(problem, odds=problem.odds * FACTOR),
         "odds of an effect / 10": replace(problem, odds=problem.odds / FACTOR),
         "prior sizes × 10": replace(problem, widening=FACTOR),
         "prior sizes / 10": replace(problem, widening=1.0 / FACTOR),
     }
-    return {prior: findings.under(other) for prior, other in others.items()}
+    return {prior: found.under(other) for prior, other in others.items()}
 
 
 def _check(
-    findings: Findings, known: Hypothesis, residual: Array
+    found: Findings, known: Hypothesis, residual: Array
 ) -> tuple[HeldOut | None, Array]:
     """Check held-out readings against their predictive distribution; return residuals (n,) too."""
-    x = findings.slopes(known)
+    x = found.slopes(known)
     spread = np.einsum("ni,ij,nj->n", x, known.covariance, x).clip(min=0.0)
     z: Array = residual / np.sqrt(1.0 + spread)
-    seen = z[findings.used_readings]
+    seen = z[found.used_readings]
     if not len(seen) or np.isnan(seen).any():
         return None, z
     widest = float(quantiles(0.0, 1.0)[1])
     inside = float(np.mean(np.abs(seen) <= widest))
     check = HeldOut(inside, float(np.mean(np.square(seen))))
-    return check, np.where(findings.used_readings, z, np.nan)
+    return check, np.where(found.used_readings, z, np.nan)
 
 
-def _alternatives(
-    findings: Findings, best: Hypothesis | None
-) -> tuple[Alternative, ...]:
+def _alternatives(found: Findings, best: Hypothesis | None) -> tuple[Alternative, ...]:
     """Return other single effects and competing sets, with the reasons against each."""
     out: list[Alternative] = []
-    for h, p in findings.ranked:
+    for h, p in found.ranked:
         whole = best is not None and h.names >= best.names
         if len(out) == _LISTED:
             break
@@ -424,9 +419,9 @@ def _alternatives(
             continue
         if len(h.names) > 1 and p < GROUPS.competing:
             continue
-        behind = findings.best.evidence - h.evidence
-        alone = findings.fit_plainly(h)
-        chi2 = findings.chi2(alone) / max(int(findings.used_readings.sum()), 1)
+        behind = found.best.evidence - h.evidence
+        alone = found.fit_plainly(h)
+        chi2 = found.chi2(alone) / max(int(found.used_readings.sum()), 1)
         far = f"ln-odds {behind:.1f} behind, χ² per reading {chi2:.3g}"
         wrong = (
             [t for c in h.candidates for t in implausible(c, h)]
@@ -436,34 +431,32 @@ def _alternatives(
         why = "; ".join([far if behind > 0.05 else "as good", *wrong])
         effect = " + ".join(c.effect for c in h.candidates)
         place = " + ".join(c.place for c in h.candidates)
-        out.append(Alternative(effect, place, p, findings.percent_rms(alone), why))
+        out.append(Alternative(effect, place, p, found.percent_rms(alone), why))
     return tuple(out)
 
 
-def _gap(findings: Findings, reported: Hypothesis, held_out: Array) -> Gap:
-    none = findings.none
-    count = max(int(findings.used_readings.sum()), 1)
-    c = findings.campaign
-    explained = findings.percent_rms(reported)
-    noise = percent_rms(
-        c, c.value + findings.sigma, findings.sigma, findings.used_readings
-    )
+def _gap(found: Findings, reported: Hypothesis, held_out: Array) -> Gap:
+    none = found.none
+    count = max(int(found.used_readings.sum()), 1)
+    c = found.campaign
+    explained = found.percent_rms(reported)
+    noise = percent_rms(c, c.value + found.sigma, found.sigma, found.used_readings)
     residuals = (
-        findings.residual(none),
-        findings.residual(reported),
+        found.residual(none),
+        found.residual(reported),
         held_out,
         np.ones(len(held_out)),
     )
-    sizes = (findings.sigma * residual for residual in residuals)
+    sizes = (found.sigma * each for each in residuals)
     return Gap(
-        nominal=findings.percent_rms(none),
+        nominal=found.percent_rms(none),
         explained=explained,
-        held_out=findings.percent_rms_by_pose(held_out),
+        held_out=found.percent_rms_by_pose(held_out),
         noise=noise,
-        chi2_per_reading=(findings.chi2(none) / count, findings.chi2(reported) / count),
+        chi2_per_reading=(found.chi2(none) / count, found.chi2(reported) / count),
         left=float(np.sqrt(max(explained**2 - noise**2, 0.0))),
         discrepancy=100.0 * reported.known.discrepancy,
-        absolute=rms_by_kind(c, findings.used_readings, *sizes),
+        absolute=rms_by_kind(c, found.used_readings, *sizes),
     )
 
 
@@ -482,18 +475,18 @@ def _steps(gap: Gap, effects: tuple[Effect, ...]) -> tuple[tuple[str, float], ..
 
 
 def _unseen(
-    findings: Findings, joint: Hypothesis, effects: tuple[Candidate, ...]
+    found: Findings, joint: Hypothesis, effects: tuple[Candidate, ...]
 ) -> Iterator[str]:
     """A line for each effect of many errors of which readings show some combinations alone."""
     for c in joint.candidates:
         if c.parts and c in effects:
             here = joint.mark(lambda other, c=c: other is c)
             count = len(c.parts)
-            signature = (
-                findings.slopes(joint)[findings.used_readings][:, here]
+            own = (
+                found.slopes(joint)[found.used_readings][:, here]
                 * joint.known.scales[here]
             )
-            left = np.linalg.inv(np.eye(count) + signature.T @ signature)
+            left = np.linalg.inv(np.eye(count) + own.T @ own)
             seen = int(np.sum(np.linalg.eigvalsh(left) < _LEFT))
             alone = list(compress(c.parts, np.diagonal(left) >= _LEFT))
             nothing = f", and nothing of {', '.join(alone)}" if alone else ""
@@ -501,13 +494,13 @@ def _unseen(
                 yield f"{c.name}: readings show {seen} combinations of its {count} errors{nothing}"
 
 
-def _counts(findings: Findings, reported: Hypothesis) -> list[str]:
+def _counts(found: Findings, reported: Hypothesis) -> list[str]:
     """Return remarks on the numbers of readings and parameters, the noise and the evidence."""
-    count = int(findings.used_readings.sum())
+    count = int(found.used_readings.sum())
     parameters = len(reported.values)
-    factor = findings.best.known.noise_factor
-    scaled = bool(findings.problem.noise.scaled.any())
-    gain = findings.best.evidence - findings.none.evidence
+    factor = found.best.known.noise_factor
+    scaled = bool(found.problem.noise.scaled.any())
+    gain = found.best.evidence - found.none.evidence
     return [
         f"{say_count(count, 'reading')}, {say_count(parameters, 'free parameter')}",
         *(
@@ -515,5 +508,5 @@ def _counts(findings: Findings, reported: Hypothesis) -> list[str]:
             if scaled
             else []
         ),
-        *([f"ln-odds over no effect: {gain:.1f}"] if findings.best.names else []),
+        *([f"ln-odds over no effect: {gain:.1f}"] if found.best.names else []),
     ]

@@ -133,11 +133,11 @@ class Backlash(Effect):
         for place in setting.robot.places(driven):
             if place.sole:
                 turns = driven[place.sole].turns
-                parameters = (
+                own = (
                     cls.parameters if turns else setting.in_robots_units(cls.parameters)
                 )
                 yield cls(place.sole).make_candidate(
-                    place, parameters, units=("rad" if turns else "m",)
+                    place, own, units=("rad" if turns else "m",)
                 )
 
     def influence(self, values: Array) -> Influence:
@@ -161,12 +161,8 @@ class EncoderOffset(ElementEffect):
             directions = {name: along_drive(driven[name]) for name in place.members}
             turns = all(driven[name].turns for name in place.members)
             effect = cls(partial(move_ends, directions))
-            parameters = (
-                cls.parameters if turns else setting.in_robots_units(cls.parameters)
-            )
-            yield effect.make_candidate(
-                place, parameters, units=("rad" if turns else "m",)
-            )
+            own = cls.parameters if turns else setting.in_robots_units(cls.parameters)
+            yield effect.make_candidate(place, own, units=("rad" if turns else "m",))
 
 
 def _find_loads(setting: Setting, place: Place) -> float:

@@ -337,9 +337,9 @@ class Setting:
         """Return parameters whose sizes and ranges are shares of the robot's own, by unit."""
         soft, loose = self.compliance
         units = {"m/N": soft, "rad/(N·m)": loose, "m": self.length, "kg": self.mass}
-        scaled = ((p, units.get(p.unit, 1.0)) for p in parameters)
+        own = ((p, units.get(p.unit, 1.0)) for p in parameters)
         return tuple(
-            Parameter(*p[:2], *(unit * value for value in p[2:])) for p, unit in scaled
+            Parameter(*p[:2], *(unit * value for value in p[2:])) for p, unit in own
         )
 
 

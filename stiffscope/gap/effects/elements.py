@@ -75,16 +75,15 @@ def soften(nominal: NominalRobot, names: Sequence[str], u: Array) -> Changes:
 
 
 def pick_patterns(
-    patterns: Mapping[str, Mapping[str, Array]],
+    found: Mapping[str, Mapping[str, Array]],
     place: Place,
     parameters: Sequence[Parameter],
 ) -> tuple[list[Parameter], dict[str, Array]]:
     """Return the parameters that some elements have, and each element's patterns (k, 6) of them."""
-    members = {name: patterns[name] for name in place.members}
-    known = [p for p in parameters if any(p.name in rows for rows in members.values())]
+    own = {name: found[name] for name in place.members}
+    known = [p for p in parameters if any(p.name in each for each in own.values())]
     return known, {
-        n: np.array([members[n].get(p.name, np.zeros(6)) for p in known])
-        for n in members
+        n: np.array([own[n].get(p.name, np.zeros(6)) for p in known]) for n in own
     }
 
 

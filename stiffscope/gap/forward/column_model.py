@@ -104,17 +104,14 @@ class ColumnModel:
                 others.append(_parameter(derivative, column, values))
             elif name != "value":
                 others.append(Candidate("rival", name, action=column))
-        distinct: dict[bytes, tuple[Flags, list[str]]] = {}
+        kept: dict[bytes, tuple[Flags, list[str]]] = {}
         for place, axes in GROUPS.items():
             chosen: Flags = np.isin(
                 self.campaign.direction, [AXES.index(axis) for axis in axes]
             )
             if chosen.any():
-                distinct.setdefault(chosen.tobytes(), (chosen, []))[1].append(place)
-        return (
-            *others,
-            *(_scale(chosen, places) for chosen, places in distinct.values()),
-        )
+                kept.setdefault(chosen.tobytes(), (chosen, []))[1].append(place)
+        return (*others, *(_scale(chosen, places) for chosen, places in kept.values()))
 
     @property
     def tried(self) -> tuple[tuple[Candidate, ...], ...]:
@@ -169,9 +166,9 @@ class ColumnModel:
         unknown: Flags = np.isnan(c.sigma)
         like = c.kind_numbers
         mean = np.sqrt(np.bincount(like, c.value**2) / np.maximum(np.bincount(like), 1))
-        level = np.where(c.relative, np.abs(c.value), mean[like])
-        level = np.where(level > 0, level, max(float(np.abs(c.value).max()), 1e-300))
-        sigma = np.where(unknown, level, c.sigma)
+        own = np.where(c.relative, np.abs(c.value), mean[like])
+        own = np.where(own > 0, own, max(float(np.abs(c.value).max()), 1e-300))
+        sigma = np.where(unknown, own, c.sigma)
         outlier = self._outliers(sigma, unknown)
         remarks = [
             f"left out as an outlier: {c.where(int(i))}"
@@ -190,7 +187,7 @@ class ColumnModel:
         None beside parameters, by which a few readings alone may differ.
         """
         c = self.campaign
-        if any(candidate.effect == "parameter" for candidate in self.library):
+        if any(each.effect == "parameter" for each in self.library):
             return np.zeros(len(c), dtype=np.bool_)
         best = np.full(len(c), np.inf)
         for base in c.predictions.values():

@@ -185,8 +185,8 @@ class JointModel:
         count = len(self.readings.campaign)
         if not count:
             return None
-        equilibria = None if rest is None else rest[:count]
-        exact = self.readings.find_equilibria(parameters, equilibria)
+        own = None if rest is None else rest[:count]
+        exact = self.readings.find_equilibria(parameters, own)
         return None if exact is None else replace(self, readings=exact)
 
     def noise(self) -> Noise:
@@ -202,11 +202,11 @@ class JointModel:
         scaled = np.zeros(n, dtype=np.bool_)
         if not count:
             return Noise(sigma, used, scaled, np.ones(1))
-        readings_noise = self.readings.noise()
-        sigma[:count] = readings_noise.sigma
-        used[:count] = readings_noise.used
-        scaled[:count] = readings_noise.scaled
-        return replace(readings_noise, sigma=sigma, used=used, scaled=scaled)
+        own = self.readings.noise()
+        sigma[:count] = own.sigma
+        used[:count] = own.used
+        scaled[:count] = own.scaled
+        return replace(own, sigma=sigma, used=used, scaled=scaled)
 
     def trial(self, sigma: Array) -> Trial:
         """Return possible next readings, given noise ``sigma`` (n,) of the campaign's readings."""
@@ -214,14 +214,14 @@ class JointModel:
 
     def remarks(self, noise: Noise, unexplained: Array) -> tuple[str, ...]:
         """Return remarks on silent responses, and on the static readings' residuals."""
-        silent = [text for response in self.responses for text in find_silent(response)]
+        silent = [text for each in self.responses for text in find_silent(each)]
         count = len(self.readings.campaign)
         if not count:
             return tuple(silent)
-        readings_noise = replace(
+        own = replace(
             noise,
             sigma=noise.sigma[:count],
             used=noise.used[:count],
             scaled=noise.scaled[:count],
         )
-        return (*silent, *self.readings.remarks(readings_noise, unexplained[:count]))
+        return (*silent, *self.readings.remarks(own, unexplained[:count]))

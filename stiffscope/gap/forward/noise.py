@@ -167,15 +167,15 @@ def _first_guess(c: Campaign, gap: Array, x: Array, rows: Indices) -> Array:
     unit = np.maximum(
         size * mean[like], np.where(c.relative, 1e-6 * size, max(least, 1e-300))
     )
-    sample = rows[
+    some = rows[
         np.unique(
             np.linspace(0, len(rows) - 1, min(len(rows), NOISE.largest)).astype(
                 np.int64
             )
         )
     ]
-    a = x[sample] / unit[sample, None]
-    y = gap[sample] / unit[sample]
+    a = x[some] / unit[some, None]
+    y = gap[some] / unit[some]
     values, vectors = np.linalg.eigh(a @ a.T)
     q = vectors.T @ y
     spread = values.clip(min=0.0)[:, None] + NOISE.fractions**2
@@ -260,15 +260,15 @@ def _limit_to_scatter(c: Campaign, noise: Noise, unknown: Flags, once: Flags) ->
     sigma = np.array(noise.sigma)
     freedom = 0.0
     for group in np.unique(like[unknown]):
-        members = unknown & once & (like == group)
+        mine = unknown & once & (like == group)
         size = np.where(c.relative, np.abs(c.value), 1.0)
-        squares, count = find_scatter(c, np.flatnonzero(members), size)
+        squares, count = find_scatter(c, np.flatnonzero(mine), size)
         if count < SCATTER.least:
             continue
         told = np.sqrt(squares / count)
-        factor = float(np.median(noise.sigma[members] / size[members]))
+        own = float(np.median(noise.sigma[mine] / size[mine]))
         # σ² is at most S/χ² of the lower tail, were the scatter all noise
-        if count * (told / factor) ** 2 < chdtri(count, SCATTER.sure):
+        if count * (told / own) ** 2 < chdtri(count, SCATTER.sure):
             sigma = np.where(unknown & (like == group), told * size, sigma)
             freedom += count
     if not freedom:

@@ -121,9 +121,7 @@ class RobotModel:
 
         What the nominal robot lacks hides a slip, a sign or a unit.
         """
-        sound = tuple(
-            parameter for parameter in parameters if not parameter[0].imitates
-        )
+        sound = tuple(each for each in parameters if not each[0].imitates)
         before = self.setting.doubts
         now = self._find_doubts(sound)
         signs = tuple(dict.fromkeys((*before.signs, *now.signs)))
@@ -143,7 +141,7 @@ class RobotModel:
         if self.exact:
             return None
         predictions = (self.predict(), self.predict(parameters))
-        shown = any(prediction.shows_second_order(rest) for prediction in predictions)
+        shown = any(each.shows_second_order(rest) for each in predictions)
         return replace(self, exact=True) if shown else None
 
     def _is_suspect(self, part: str) -> bool:
@@ -265,7 +263,5 @@ class RobotModel:
         beyond = inspect_ranges(
             self.campaign, self.nominal.mechanism, self._sound.at.configurations
         )
-        robot_remarks = find_remarks(
-            nominal, self.predict_as, noise, unexplained, weight
-        )
-        return (*(remark.text for remark in beyond), *robot_remarks)
+        own = find_remarks(nominal, self.predict_as, noise, unexplained, weight)
+        return (*(remark.text for remark in beyond), *own)

@@ -76,11 +76,9 @@ class RobotReadings(InstrumentReadings):
     @cached_property
     def elastic_state(self) -> ElasticState:
         """The robot with changed elements and payloads."""
-        changes = tuple(
-            influence.elements for influence in self.influences if influence.elements
-        )
+        changes = tuple(each.elements for each in self.influences if each.elements)
         payloads = tuple(
-            payload for influence in self.influences for payload in influence.payloads
+            payload for each in self.influences for payload in each.payloads
         )
         return (
             ElasticState(self.at, changes, payloads, weighs=self.weighs)
@@ -96,19 +94,17 @@ class RobotReadings(InstrumentReadings):
     @cached_property
     def force_scale(self) -> float:
         """Ratio of true to stated wrench."""
-        return float(
-            np.prod([1.0 + influence.force_gain for influence in self.influences])
-        )
+        return float(np.prod([1.0 + each.force_gain for each in self.influences]))
 
     @cached_property
     def true_wrench(self) -> Array:
         """Applied wrenches (n, 6) without a common scale: leaks and weights that differ taken off."""
         out = np.nan_to_num(self.campaign.wrench)
-        for influence in self.influences:
-            if influence.leak is not None:
-                true = np.linalg.solve(np.eye(3) + influence.leak, out[:, :3].T).T
+        for each in self.influences:
+            if each.leak is not None:
+                true = np.linalg.solve(np.eye(3) + each.leak, out[:, :3].T).T
                 out = np.hstack([true, out[:, 3:]])
-            for value, growth in influence.load_gains.items():
+            for value, growth in each.load_gains.items():
                 out = out * (1.0 + growth * self.has_size(value))[:, None]
         return out
 
@@ -125,8 +121,8 @@ class RobotReadings(InstrumentReadings):
         out = np.zeros((len(c), at.cases))
         wrench = self.force_scale * self.true_wrench
         for load in range(-1, len(c.loads)):
-            rows = c.is_loaded & c.is_motion & (c.load == load)
-            out[rows, at.load_cases(load)] = wrench[rows]
+            mine = c.is_loaded & c.is_motion & (c.load == load)
+            out[mine, at.load_cases(load)] = wrench[mine]
         out[c.shows_rest] += self.rest_loads
         return out
 
@@ -228,11 +224,11 @@ class RobotReadings(InstrumentReadings):
             c.shows_rest[:, None], self.rest_loads, 0.0
         )
         for k, sensor in enumerate(c.sensors):
-            rows = np.flatnonzero(c.sensor == k)
-            if sensor.absolute and rows.size:
-                motion = self.elastic_state.move_sensor(k)[c.pose[rows]]
-                moved = np.einsum("nij,nj->ni", motion, pushes[rows])
-                out[rows] = np.einsum("ni,ni->n", self.axis[rows], moved)
+            mine = np.flatnonzero(c.sensor == k)
+            if sensor.absolute and mine.size:
+                motion = self.elastic_state.move_sensor(k)[c.pose[mine]]
+                moved = np.einsum("nij,nj->ni", motion, pushes[mine])
+                out[mine] = np.einsum("ni,ni->n", self.axis[mine], moved)
         return out
 
     @cached_property
@@ -349,8 +345,8 @@ class RobotReadings(InstrumentReadings):
         tool = self.elastic_state.tool
         pose = self.campaign.pose
         pair = [
-            np.einsum("nij,nj->ni", tool[pose], array)
-            for array in (self.sense, self.drive)
+            np.einsum("nij,nj->ni", tool[pose], each)
+            for each in (self.sense, self.drive)
         ]
         return pair[0], pair[1]
 
@@ -401,9 +397,7 @@ class RobotReadings(InstrumentReadings):
 
     def held_by(self, drive: str, change: float = 0.0) -> Array:
         """Return the force or moment (n,) that friction, and a change of it, holds in a drive."""
-        friction = sum(
-            influence.frictions.get(drive, 0.0) for influence in self.influences
-        )
+        friction = sum(each.frictions.get(drive, 0.0) for each in self.influences)
         return self._chains.hold(self.drive_force(drive), max(friction + change, 0.0))
 
     def yield_to_friction(self, drive: str, change: float) -> Array:
@@ -419,8 +413,8 @@ class RobotReadings(InstrumentReadings):
         """Return the compliance of a drive with its changes, m/N or rad/(N·m)."""
         axis = along_drive(self.at.robot.driven[drive])
         out = float(axis @ self.at.robot.compliances[drive] @ axis)
-        for influence in self.influences:
-            change = influence.elements.get(drive)
+        for each in self.influences:
+            change = each.elements.get(drive)
             if change is not None and change.compliance is not None:
                 out += float(axis @ change.compliance @ axis)
         return out
@@ -484,7 +478,7 @@ class RobotReadings(InstrumentReadings):
         moved = np.where(self.is_motion, self.campaign.kind, -1)
         kind = moved.reshape(-1, *(1,) * (force.ndim - 1))
         kinds = np.unique(moved[moved >= 0]).tolist()
-        signs = (_sign(np.where(kind == item, force, 0.0)) for item in kinds)
+        signs = (_sign(np.where(kind == each, force, 0.0)) for each in kinds)
         return sum(signs, np.zeros(force.shape))
 
     @cached_property

@@ -116,11 +116,9 @@ class Instruments:
         c = self.campaign
         names = [frame.name for frame in self.campaign.frames]
         code = [names.index(s.frame) if s.absolute else -1 for s in c.sensors]
-        frame_of_row = np.array(code or [-1])[c.sensor[self.rows]]
-        anew = np.array([frame.per == "session" for frame in c.frames] or [False])[
-            frame_of_row
-        ]
-        key = np.column_stack([frame_of_row, np.where(anew, c.session[self.rows], 0)])
+        own = np.array(code or [-1])[c.sensor[self.rows]]
+        anew = np.array([frame.per == "session" for frame in c.frames] or [False])[own]
+        key = np.column_stack([own, np.where(anew, c.session[self.rows], 0)])
         found, which = np.unique(key, axis=0, return_inverse=True)
         return which.ravel(), found[:, 0].tolist()
 
@@ -173,11 +171,9 @@ class Instruments:
         sigma = np.array(c.sigma)
         like = c.kind_numbers
         for group in np.unique(like[np.isnan(sigma)]):
-            members = like == group
-            known = sigma[members & ~np.isnan(sigma)]
-            sigma[members & np.isnan(sigma)] = (
-                np.median(known) if known.size else _USUAL
-            )
+            mine = like == group
+            known = sigma[mine & ~np.isnan(sigma)]
+            sigma[mine & np.isnan(sigma)] = np.median(known) if known.size else _USUAL
         return 1.0 / sigma
 
     def _linearize(
@@ -271,27 +267,24 @@ class Instruments:
         """
         setup = self._stated_setup()
         weight = np.array(self._weight)
-        row_weight = weight[self.rows]
+        own = weight[self.rows]
         ranged = self._looks[1]
         read = self.measured_values
         for k, which in enumerate(self._frame[1]):
             if self.campaign.frames[which].pose is None:
-                members = np.flatnonzero(self._frame[0] == k)
-                frame = find_frame(
-                    self._triples(members),
-                    ranged[members],
-                    points[members],
-                    read[members],
+                mine = np.flatnonzero(self._frame[0] == k)
+                found = find_frame(
+                    self._triples(mine), ranged[mine], points[mine], read[mine]
                 )
-                setup.rotation[k], setup.origin[k] = frame
+                setup.rotation[k], setup.origin[k] = found
         for _ in range(_PASSES):
-            weight[self.rows] = row_weight
+            weight[self.rows] = own
             setup = self.fit(points, turns, setup, weight)
             left = read - self._linearize(setup, points, turns)[0]
             again = np.where(find_outlying(left), 0.0, self._weight[self.rows])
-            if np.array_equal(again, row_weight):
+            if np.array_equal(again, own):
                 break
-            row_weight = again
+            own = again
         return setup, weight
 
     def _stated_setup(self) -> Setup:
@@ -316,27 +309,27 @@ class Instruments:
         group = np.unique(np.column_stack([target, key]), axis=0, return_inverse=True)[
             1
         ].ravel()
-        triples = np.full((group.max(initial=-1) + 1, 3), -1)
+        found = np.full((group.max(initial=-1) + 1, 3), -1)
         placed = np.flatnonzero(~self._looks[1][mine])
-        triples[group[placed], c.direction[rows[placed]]] = placed
-        return triples[(triples >= 0).all(axis=1)]
+        found[group[placed], c.direction[rows[placed]]] = placed
+        return found[(found >= 0).all(axis=1)]
 
     def fit(self, points: Array, turns: Array, setup: Setup, weight: Array) -> Setup:
         """Return the best-fitting instruments by damped Gauss-Newton from an initial setup."""
         sigma, stated = self._prior
-        row_weight = weight[self.rows]
+        own = weight[self.rows]
         start = self._stated_setup()
         seen, _, columns = self._linearize(setup, points, turns)
-        left = (self.measured_values - seen) * row_weight
+        left = (self.measured_values - seen) * own
         mean = self._offset(setup, start)
         for _ in range(_STEPS):
-            u, s, v = _factors(columns[self.rows] * row_weight[:, None] * sigma)
+            u, s, v = _factors(columns[self.rows] * own[:, None] * sigma)
             whole = v.T @ ((s * (u.T @ left) + s**2 * (v @ mean)) / (s**2 + 1.0)) - mean
             cost = left @ left + np.sum(mean[stated] ** 2)
             for share in 0.5 ** np.arange(_HALVINGS):
                 trial = setup.move(share * sigma * whole)
                 seen, _, ahead = self._linearize(trial, points, turns)
-                after = (self.measured_values - seen) * row_weight
+                after = (self.measured_values - seen) * own
                 there = self._offset(trial, start)
                 if after @ after + np.sum(there[stated] ** 2) <= cost * (1.0 + 1e-12):
                     break

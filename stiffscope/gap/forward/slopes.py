@@ -60,9 +60,7 @@ def _of_others(prediction: RobotReadings, step: Step) -> Array:
         change = prediction.bent_by(drive, knee) - prediction.bent_by(drive, other)
         out += change / width
     for drive, size in ahead.frictions.items():
-        now = sum(
-            influence.frictions.get(drive, 0.0) for influence in prediction.influences
-        )
+        now = sum(each.frictions.get(drive, 0.0) for each in prediction.influences)
         half = 0.5 * (size - behind.frictions[drive])
         near = max(half, half - now)  # forward where the drive has none
         changes = [
@@ -134,7 +132,7 @@ def _of_elements(prediction: RobotReadings, steps: Steps) -> Array:
 
 def _relieve(prediction: RobotReadings, name: str, wrench: Array) -> Array:
     """Return the wrenches (n, 6) on an element without what friction beside its spring holds."""
-    if not any(name in influence.frictions for influence in prediction.influences):
+    if not any(name in each.frictions for each in prediction.influences):
         return wrench
     axis = along_drive(prediction.at.robot.driven[name])
     return wrench - prediction.held_by(name)[:, None] * axis

@@ -184,11 +184,11 @@ def _pulls_of(campaign: Campaign) -> list[tuple[int, Array]]:
     """Return the forces on hooks that a campaign's readings have, each once: what the lab can apply."""
     force = campaign.wrench[:, :3]
     hooked = (campaign.load >= 0) & (np.nan_to_num(force) != 0.0).any(axis=1)
-    pulls = {
+    found = {
         (int(hook), tuple(newtons.tolist()))
         for hook, newtons in zip(campaign.load[hooked], force[hooked], strict=True)
     }
-    return [(hook, np.array(newtons)) for hook, newtons in sorted(pulls)]
+    return [(hook, np.array(newtons)) for hook, newtons in sorted(found)]
 
 
 def plan_campaign(nominal: NominalRobot, offer: Plan) -> Campaign:
@@ -219,15 +219,15 @@ def _place_sensors(robot: RobotFile, joints: Sequence[Joint]) -> list[Sensor]:
 
 def _touch(robot: RobotFile, joints: Sequence[Joint]) -> list[tuple[str, Array]]:
     """Return some other bodies, evenly chosen, with gauge points: the tip, or the mean joint."""
-    touches: list[tuple[str, Array]] = []
+    found: list[tuple[str, Array]] = []
     for name, section in robot.bodies.items():
         if isinstance(section, ElasticBody):
-            touches.append((f"{name}.tip", np.array(section.tip)))
+            found.append((f"{name}.tip", np.array(section.tip)))
         elif name != robot.tool.body:
             at = [j.at for j in joints if name in (j.first, j.second)]
-            touches += [(name, np.round(np.mean(at, axis=0), 4))] if at else []
-    count = min(_BODIES, len(touches))
-    return [touches[k * (len(touches) - 1) // max(count - 1, 1)] for k in range(count)]
+            found += [(name, np.round(np.mean(at, axis=0), 4))] if at else []
+    count = min(_BODIES, len(found))
+    return [found[k * (len(found) - 1) // max(count - 1, 1)] for k in range(count)]
 
 
 def read_question(
@@ -236,20 +236,20 @@ def read_question(
     """Return the causes on both sides of a question; see `propose_plan`."""
     known = tuple(known)
     (first, asked, second) = question.partition(_FROM)
-    answers = _find_causes(first, known)
+    own = _find_causes(first, known)
     other = _find_causes(second if asked else first, known)
     require(
-        not (asked and {*answers} == {*other}),
+        not (asked and {*own} == {*other}),
         "--ask",
         "other causes after from than before",
         f"{question!r}",
     )
-    return answers, other
+    return own, other
 
 
 def _find_causes(patterns: str, known: tuple[str, ...]) -> tuple[str, ...]:
-    causes: dict[str, None] = {}
-    for pattern in (word.strip() for word in patterns.split(",")):
+    found: dict[str, None] = {}
+    for pattern in (each.strip() for each in patterns.split(",")):
         glob = "*" if pattern == _ALL else pattern
         matches = [
             n for n in known if any(fnmatchcase(w, glob) for w in (n, *n.split(" @ ")))
@@ -260,8 +260,8 @@ def _find_causes(patterns: str, known: tuple[str, ...]) -> tuple[str, ...]:
             raise InputError(
                 f"--ask: expected causes that readings show of this robot, got {got} ({words})"
             )
-        causes |= dict.fromkeys(matches)
-    return tuple(causes)
+        found |= dict.fromkeys(matches)
+    return tuple(found)
 
 
 def _pair_up(

@@ -148,8 +148,7 @@ def campaign_json(
         "loads": loads,
         "largest_wrench": dict(zip(WRENCH, largest.tolist(), strict=True)),
         "responses": {
-            response.measured.setup.name: responses_json(response)
-            for response in responses
+            each.measured.setup.name: responses_json(each) for each in responses
         },
     }
 
@@ -178,7 +177,7 @@ def _channels(c: Campaign) -> list[dict[str, Any]]:
         rows.setdefault((c.what(i), kind), []).append(i)
     for (reads, kind), mine in rows.items():
         value, sigma = (
-            column[mine][~np.isnan(column[mine])] for column in (c.value, c.sigma)
+            each[mine][~np.isnan(each[mine])] for each in (c.value, c.sigma)
         )
         low, high = (
             (float(value.min()), float(value.max())) if len(value) else (None, None)
@@ -312,7 +311,7 @@ def _three(values: list[float] | None) -> str:
 def draw_sensors(
     draw: Callable[..., None],
     robot: RobotFile,
-    configurations: Configurations,
+    found: Configurations,
     campaign: Campaign,
     folder: Path,
 ) -> None:
@@ -322,32 +321,28 @@ def draw_sensors(
     ----------
     draw
         Drawing function from `stiffscope.report.pictures.open_drawing`.
-    robot, configurations
+    robot, found
         Robot file, and configurations at its poses.
     campaign, folder
         Campaign whose sensors and loads are marked, and folder to write to.
     """
-    mechanism = configurations.mechanism
+    mechanism = found.mechanism
     shown = []
     arrows = marks(campaign, mechanism)
-    for file, k in zip(PICTURES, (0, 0, len(configurations) - 1), strict=True):
+    for file, k in zip(PICTURES, (0, 0, len(found) - 1), strict=True):
         place = pose_text(
-            mechanism, configurations.tool[k, mechanism.tool.commanded_axes].tolist()
+            mechanism, found.tool[k, mechanism.tool.commanded_axes].tolist()
         )
         title = f"{robot.name}, sensors and loads at {place}"
         shown.append(
-            {
-                "file": file,
-                "title": title,
-                "moves": place_robot(configurations, k).moves,
-            }
+            {"file": file, "title": title, "moves": place_robot(found, k).moves}
         )
     named, first, last = shown
     named["names"] = True
     pictures = [first]
     if arrows:
         pictures.insert(0, named)
-    if len(configurations) > 1:
+    if len(found) > 1:
         pictures.append(last)
     with optional_pictures():
         draw(

@@ -197,15 +197,15 @@ def draw_compared(
         save_figures(folder, {curves: figure})
         if draw is None:
             continue
-        configuration = measured.configuration
-        mechanism = configuration.mechanism
+        found = measured.configuration
+        mechanism = found.mechanism
         place = pose_text(
-            mechanism, configuration.tool[0, mechanism.tool.commanded_axes].tolist()
+            mechanism, found.tool[0, mechanism.tool.commanded_axes].tolist()
         )
         picture = {
             "file": f"{points}.png",
             "title": f"{robot.name}, points of {measured.setup.name} at {place}",
-            "moves": place_robot(configuration, 0).moves,
+            "moves": place_robot(found, 0).moves,
             "names": True,
         }
         with optional_pictures():
@@ -223,8 +223,8 @@ def _mark_points(
 ) -> list[dict[str, Any]]:
     """Return an arrow for each direction of force and motion, as `drawing.robot` takes them."""
     known = {node for body in mechanism.bodies for node in body.nodes}
-    forces = dict.fromkeys(response.force for response in measured.responses)
-    motions = dict.fromkeys(response.motion for response in measured.responses)
+    forces = dict.fromkeys(each.force for each in measured.responses)
+    motions = dict.fromkeys(each.motion for each in measured.responses)
     marks = list[dict[str, Any]]()
     for kind, ends in (("load", forces), ("sensor", motions)):
         for end in ends:
