@@ -4,6 +4,7 @@ Axes: x along the beam, from the clamped end at x = 0 to the loaded end; y acros
 height, from the centroid, at the loaded end the reference point. Channel flanges point along +y.
 """
 
+from abc import abstractmethod
 from dataclasses import dataclass, fields
 from typing import Annotated, Any
 
@@ -40,17 +41,17 @@ class BeamParameters(SolidParameters):
             valid = f"up to {mm(max(most, 0.0))} in this section"
             require(value <= most, f"{self.shape}.{name}", valid, mm(value))
 
+    @abstractmethod
     def largest(self) -> dict[str, float]:
         """Return the largest thicknesses by name, m."""
-        raise NotImplementedError
 
     def outline(self) -> list[list[tuple[float, float]]]:
         """Return the corners (y, z) of the section's outer border, then of its hole, m."""
         raise NotImplementedError
 
+    @abstractmethod
     def cross_section(self, poisson: float) -> Section:
         """Return the section of beam theory."""
-        raise NotImplementedError
 
     def segments(self, poisson: float) -> list[tuple[float, Section]]:
         """See `SolidParameters`."""

@@ -1,6 +1,7 @@
 """Parts from any solid: faces selected by geometry, part axes by a placement."""
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import Field, dataclass, fields, replace
 from typing import Any, ClassVar, Literal, NamedTuple, Self
@@ -149,7 +150,7 @@ class Support(NamedTuple):
 
 
 @dataclass(frozen=True)
-class SolidParameters:
+class SolidParameters(ABC):
     """A shape: its dimensions, m, and every fact of it that others ask for.
 
     A field is a key of the robot file: ``Annotated[float, "meaning"]`` is a length, with int a
@@ -200,9 +201,9 @@ class SolidParameters:
         return self.lengths()["length"]
 
     @property
+    @abstractmethod
     def across(self) -> tuple[float, float]:
         """Sizes across the part along y and z, m."""
-        raise NotImplementedError
 
     def segments(self, poisson: float) -> list[tuple[float, Section]] | None:
         """Return lengths (m) and sections from the clamped end; None without beam theory."""

@@ -56,61 +56,59 @@ def valid_solid(shape: Shape, name: str, chosen: int | str | None = None) -> Sol
         If there is no such solid; the message says what was found, and where.
     """
 
-    def refuse(found: str, valid: str = "one closed solid") -> InputError:
-        return InputError(f"{name}: expected {valid}, found {found}")
+    def check(valid: object, found: str, expected: str = "one closed solid") -> None:
+        if not valid:
+            raise InputError(f"{name}: expected {expected}, found {found}")
 
-    solid = _single_solid(shape, name, chosen, refuse)
+    solid = _single_solid(shape, name, chosen, check)
     farthest = np.abs([kernel.position(each) for each in kernel.vertices(solid)]).max(
         initial=0.0
     )
-    if not farthest <= FARTHEST:  # nor a number
-        raise refuse(
-            f"{farthest:.3g} mm",
-            f"a solid whose coordinates are numbers of at most {FARTHEST:g} mm",
-        )
+    expected = f"a solid whose coordinates are numbers of at most {FARTHEST:g} mm"
+    check(farthest <= FARTHEST, f"{farthest:.3g} mm", expected)
     size = kernel.diagonal(solid)
-    if not SMALLEST <= size <= LARGEST:
-        valid = f"a solid {SMALLEST:g} to {LARGEST:g} mm large (check its units)"
-        raise refuse(f"{size:.3g} mm", valid)
+    expected = f"a solid {SMALLEST:g} to {LARGEST:g} mm large (check its units)"
+    check(SMALLEST <= size <= LARGEST, f"{size:.3g} mm", expected)
     if not kernel.is_valid(solid):
-        solid = _heal(solid, name, refuse)
+        solid = _heal(solid, name, check)
     solid = kernel.orient_solid(solid)
-    _check_surface(solid, refuse)
+    _check_surface(solid, check)
     volume = kernel.volume_properties(solid).Mass()
-    if not (np.isfinite(volume) and volume > 1e-9 * size**3):
-        raise refuse(
-            f"a solid without volume ({volume:.3g} mm3)", "a solid of positive volume"
-        )
+    check(
+        np.isfinite(volume) and volume > 1e-9 * size**3,
+        f"a solid without volume ({volume:.3g} mm3)",
+        "a solid of positive volume",
+    )
     thickness = 2.0 * volume / kernel.area_properties(solid).Mass()
-    if thickness < THINNEST:
-        raise refuse(
-            f"{thickness:.2g} mm", f"a solid at least {THINNEST:g} mm thick on average"
-        )
+    expected = f"a solid at least {THINNEST:g} mm thick on average"
+    check(thickness >= THINNEST, f"{thickness:.2g} mm", expected)
     return solid
 
 
 def _single_solid(
-    shape: Shape, name: str, chosen: int | str | None, refuse: Callable[..., InputError]
+    shape: Shape, name: str, chosen: int | str | None, check: Callable[..., None]
 ) -> Solid:
     """Return the only solid of a shape, or the chosen one; refuse several, none, loose faces."""
     if chosen is not None:
         shape = _choose(shape, name, chosen)
     found, faces = kernel.solids(shape), kernel.faces(shape)
-    if len(found) > 1:
-        raise refuse(
-            f"{len(found)}: {list_solids(found)}",
-            'one solid, or its number here as solid = N, or solid = "all" to fuse them',
-        )
-    if not found:
-        what = say_count(len(faces), "face that bounds", "faces that bound")
-        surface = f"a surface without volume ({what} no solid)"
-        raise refuse(surface if faces else "no solid and no face")
+    check(
+        len(found) < 2,
+        f"{len(found)}: {list_solids(found)}",
+        'one solid, or its number here as solid = N, or solid = "all" to fuse them',
+    )
+    count = say_count(len(faces), "face that bounds", "faces that bound")
+    surface = f"a surface without volume ({count} no solid)"
+    check(found, surface if faces else "no solid and no face")
     own = kernel.faces(found[0])
-    loose = [face for face in faces if not any(face.IsSame(each) for each in own)]
+    loose = [face for face in faces if not any(face.IsSame(other) for other in own)]
     if loose:
         at = _place(kernel.bounds(loose[0]).mean(axis=0))
-        beside = f"{say_count(len(loose), 'loose face')} beside the solid, at {at}"
-        raise refuse(beside, "one solid and nothing else, or solid = 1")
+        check(
+            valid=False,
+            found=f"{say_count(len(loose), 'loose face')} beside the solid, at {at}",
+            expected="one solid and nothing else, or solid = 1",
+        )
     return found[0]
 
 
@@ -158,24 +156,26 @@ def _choose(shape: Shape, name: str, chosen: int | str) -> Shape:
     return pieces[0]
 
 
-def _check_surface(solid: Solid, refuse: Callable[..., InputError]) -> None:
+def _check_surface(solid: Solid, check: Callable[..., None]) -> None:
     """Refuse a solid with gaps, or that overlaps itself."""
     surface = tessellate_closed(solid, 5e-4, 0.8)[:2]
     gaps = open_edges(surface[1])
     if gaps:
         at = _place(1e3 * find_open_edge(*surface))
-        raise refuse(
-            f"a solid that is not watertight ({say_count(gaps, 'open edge')}, one at {at})"
+        count = say_count(gaps, "open edge")
+        check(
+            valid=False, found=f"a solid that is not watertight ({count}, one at {at})"
         )
     overlap = find_overlap(solid, surface)
     if overlap is not None:
-        raise refuse(
-            f"a self-intersecting solid at {_place(overlap)}",
-            "a solid whose faces meet only at their edges",
+        check(
+            valid=False,
+            found=f"a self-intersecting solid at {_place(overlap)}",
+            expected="a solid whose faces meet only at their edges",
         )
 
 
-def _heal(solid: Solid, name: str, refuse: Callable[..., InputError]) -> Solid:
+def _heal(solid: Solid, name: str, check: Callable[..., None]) -> Solid:
     """Return a solid that the kernel finds invalid, healed; log what was done."""
     before = kernel.volume_properties(solid).Mass()
     healed, done = kernel.heal_solid(solid)
@@ -185,11 +185,13 @@ def _heal(solid: Solid, name: str, refuse: Callable[..., InputError]) -> Solid:
         after = kernel.volume_properties(kernel.orient_solid(found[0])).Mass()
         change = abs(after - abs(before)) / max(after, 1e-300)
     if not change < _CHANGE:
-        _check_surface(solid, refuse)
+        _check_surface(solid, check)
         at = kernel.find_fault(solid)
         where = "" if at is None else f" at {_place(at)}"
-        raise refuse(
-            f"a solid that the CAD kernel finds invalid{where} (repair it, or export it again)"
+        cure = "(repair it, or export it again)"
+        check(
+            valid=False,
+            found=f"a solid that the CAD kernel finds invalid{where} {cure}",
         )
     log.warning(
         "%s: healed, as the CAD kernel finds it invalid: %s (volume %+.2g %%)",

@@ -6,6 +6,7 @@ import logging
 import time
 from dataclasses import dataclass
 from functools import cached_property
+from itertools import repeat
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -137,7 +138,9 @@ class Specimen:
 
     def list_couplings(self, usual: str) -> tuple[str, ...]:
         """Return the coupling of each loaded interface; ``usual`` if it has none of its own."""
-        return tuple(own or usual for own in self.couplings or ("",) * len(self.loaded))
+        if not self.couplings:
+            return tuple(repeat(usual, len(self.loaded)))
+        return tuple(own or usual for own in self.couplings)
 
 
 def mesh_specimen(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import zipfile
 from dataclasses import dataclass
+from itertools import repeat
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -184,7 +185,7 @@ def _cards(text: str) -> Iterator[list[str]]:
             fields = [line[k : k + size].strip() for k in range(8, 72, size)]
         first = first.rstrip("*")
         count = 4 if wide else 8
-        fields = (fields + [""] * count)[:count]
+        fields = [*fields, *repeat("", count)][:count]
         if first:
             if card:
                 yield card

@@ -64,7 +64,8 @@ def require(valid: object, where: object, expected: str, got: object = None) -> 
         What holds of a valid input.
     where
         File, line and field, or an option: InputError. A key of the file that is being read, as a tuple:
-        FieldError, which becomes an InputError with file and line. "": what calls knows the place.
+        FieldError, which becomes an InputError with file and line. What makes an error of a message,
+        such as ``partial(source.refuse, key)``: its error. "": what calls knows the place.
     expected, got
         The valid and the given, in words; without ``got`` only what is expected is said.
     """
@@ -81,8 +82,16 @@ def require_given(
     return value
 
 
-def _error(where: object, expected: str, got: object) -> FieldError | InputError:
-    message = f"expected {expected}" + ("" if got is None else f", got {got}")
+def _error(where: Any, expected: str, got: object) -> Exception:
+    return _place(
+        where, f"expected {expected}" + ("" if got is None else f", got {got}")
+    )
+
+
+def _place(where: Any, message: str) -> Exception:
+    """Return the error of a message at a place; see `require`."""
+    if callable(where):
+        return where(message)
     if isinstance(where, tuple):
         return FieldError(where, message)
     return InputError(f"{where}: {message}" if str(where) else message)
@@ -90,12 +99,36 @@ def _error(where: object, expected: str, got: object) -> FieldError | InputError
 
 @contextmanager
 def naming(where: object, expected: str = "") -> Iterator[None]:
-    """Convert a ValueError in the block to an InputError that names the place, and what is expected there."""
+    """Convert a ValueError in the block to an InputError that names the place, and what is expected there.
+
+    ``where``: as for `require`.
+    """
     try:
         yield
     except ValueError as error:
         form = f"; expected {expected}" if expected else ""
-        raise InputError(f"{where}: {error}{form}") from error
+        raise _place(where, f"{error}{form}") from error
+
+
+@contextmanager
+def expecting(
+    where: object, expected: str, *kinds: type[Exception], got: object = None
+) -> Iterator[None]:
+    """Convert a library's error in the block to the error of `require`.
+
+    Parameters
+    ----------
+    where, expected
+        As for `require`.
+    kinds
+        Kinds of errors.
+    got
+        What was given, in words; by default the library's own.
+    """
+    try:
+        yield
+    except kinds as error:
+        raise _error(where, expected, error if got is None else got) from error
 
 
 def check_kind(name: str, value: object, kind: Any, maker: str) -> None:

@@ -218,7 +218,7 @@ class Makers:
 @contextmanager
 def open_makers(file: StudyFile, count: int, scheduler: str | None) -> Iterator[Makers]:
     """Yield makers: ``count`` local processes, workers of a scheduler or, for 0, this process."""
-    known, nothing = Shared(file), (math.nan,) * len(file.responses)
+    known = Shared(file)
     here = not count and scheduler is None
     with Here() if here else workers(scheduler, min(count, file.designs)) as executor:
 
@@ -226,7 +226,10 @@ def open_makers(file: StudyFile, count: int, scheduler: str | None) -> Iterator[
             jobs = ((row, (known, row[1])) for row in rows)
             for (row, values), future in work_through(executor, _make_shared, jobs):
                 if isinstance(future.exception(), WorkerError):
-                    yield row, Design(values or (), nothing, _ENDED, again=True)
+                    yield (
+                        row,
+                        Design(values or (), file.no_responses, _ENDED, again=True),
+                    )
                 else:
                     yield row, future.result()
 
@@ -247,7 +250,7 @@ def make_design(file: StudyFile, values: Values | None) -> Design:
     begun = time.perf_counter()
     again = False
     reason = ""
-    found = (math.nan,) * len(file.responses)
+    found = file.no_responses
     with _alone, threadpool_limits(1):  # the same order of summation on any machine
         try:
             found = _respond(file, values)

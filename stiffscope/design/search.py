@@ -13,6 +13,7 @@ import warnings
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
+from itertools import repeat
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -254,7 +255,7 @@ def _find_front(study: StudyFile, evaluate: Evaluate) -> Ending:
         crossover=crossover,
         seed=study.seed,
     )
-    least: Any = ["minimize"] * len(study.goals)
+    least: Any = list(repeat("minimize", len(study.goals)))
     asked = optuna.create_study(directions=least, sampler=sampler)
     for point in _draw_sobol(study, size):
         shares = zip(study.variables, point, strict=True)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import math
 import threading
 from array import array
 from collections.abc import Sequence
@@ -390,7 +389,7 @@ class _Desk:
         row = self.rows.setdefault(values, len(self.rows))
         if row == len(self.finished):
             self.finished.append(0)
-            self.found.extend([math.nan] * len(self.file.responses))
+            self.found.extend(self.file.no_responses)
         return row
 
     def _keep(self, row: int, design: Design) -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from itertools import repeat
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -100,6 +102,11 @@ class StudyFile:
     limits: tuple[Limit, ...]
     goals: tuple[Goal, ...]
     poses: tuple[Pose, ...]
+
+    @property
+    def no_responses(self) -> tuple[float, ...]:
+        """Return NaN for each response: those of an infeasible design."""
+        return tuple(repeat(math.nan, len(self.responses)))
 
     def poses_of(self, robot: RobotFile) -> np.ndarray:
         """Return all poses (n, k) of a design, m and rad."""

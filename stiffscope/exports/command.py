@@ -10,7 +10,7 @@ from stiffscope.cli import options
 from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit
 from stiffscope.cli.poses import find_poses
-from stiffscope.errors import InputError
+from stiffscope.errors import naming, require
 from stiffscope.experiments.assembly import name_robot
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.exports.show import show_export
@@ -87,12 +87,7 @@ def _frequency(text: str | None) -> float | None:
     """Return a frequency in Hz."""
     if text is None:
         return None
-    try:
+    with naming(f"--highest {text}", 'such as "2 kHz"'):
         (value,) = q.several(text, q.FREQUENCY)
-    except ValueError as error:
-        raise InputError(
-            f'--highest {text}: {error}; expected such as "2 kHz"'
-        ) from error
-    if value <= 0.0:
-        raise InputError(f"--highest {text}: expected a frequency above 0")
+    require(value > 0.0, f"--highest {text}", "a frequency above 0")
     return value

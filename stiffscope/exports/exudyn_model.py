@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 RIGID = 1e5  # of the tool's stiffness: for rigid directions that no joint of EXUDYN can hold
 IDLE = 1e-4  # of the tool's stiffness: of a spring on motions that nothing resists
 _NONE = np.zeros((6, 6))
+_INDENT = "    "  # of the written script
 MOUNTS = {BASE: "base mount", TOOL: "tool mount"}
 """Names, in a model, of the elements below the robot and behind its tool."""
 
@@ -290,8 +291,8 @@ def write_script(robot: str, model: dict[str, Any]) -> str:
 
 def _show(value: Any, depth: int) -> str:
     """Return a table as Python text: a line for each key, and for each row of a matrix."""
-    inner = "    " * (depth + 1)
-    outer = "    " * depth
+    inner = _INDENT * (depth + 1)
+    outer = _INDENT * depth
     if isinstance(value, dict):
         if not value:
             return "{}"

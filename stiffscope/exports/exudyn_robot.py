@@ -282,13 +282,14 @@ class Robot:
                 referenceCoordinates=[*self.places[nodes[0]], 0.0, 0.0, 0.0],
             )
         )
+        at_rest = np.zeros(modes).tolist()
         modal = self.mbs.AddNode(
             item.NodeGenericODE2(
                 name=f"{name} modes",
                 numberOfODE2Coordinates=modes,
-                referenceCoordinates=[0.0] * modes,
-                initialCoordinates=[0.0] * modes,
-                initialCoordinates_t=[0.0] * modes,
+                referenceCoordinates=at_rest,
+                initialCoordinates=at_rest,
+                initialCoordinates_t=at_rest,
             )
         )
         dense = exu.MatrixContainer
@@ -330,7 +331,7 @@ class Robot:
                     bodyNumber=body_number,
                     localHT=frame,
                     meshNodeNumbers=numbers,
-                    weightingFactors=[1.0 / len(POINTS)] * len(POINTS),
+                    weightingFactors=np.full(len(POINTS), 1.0 / len(POINTS)).tolist(),
                 )
             )
             here = self.marker(node, self.places[node], np.eye(3))

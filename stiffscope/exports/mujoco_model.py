@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from scipy.linalg import cholesky, eigh, solve_triangular
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, expecting
 from stiffscope.exports.mjcf_tree import quaternion
 from stiffscope.vjm.model.screws import rotation_of
 
@@ -25,13 +25,9 @@ _SHIFT = (2.0 * np.pi * 30.0) ** 2  # rad²/s², of all squared frequencies
 
 def load_mujoco() -> Any:
     """Import MuJoCo. Raise InputError if it is missing or too old."""
-    try:
+    cure = "none; install it by: python -m pip install mujoco"
+    with expecting("export", "the package mujoco", ImportError, got=cure):
         import mujoco
-    except ImportError as error:
-        cure = "install it by: python -m pip install mujoco"
-        raise InputError(
-            f"export: expected the package mujoco, got none; {cure}"
-        ) from error
     version = tuple(int(word) for word in mujoco.__version__.split(".")[:2])
     if version < OLDEST:
         expected = "expected mujoco 4.0 or later, which knows all that the model needs"

@@ -75,7 +75,7 @@ def diagnose(
 ) -> None:
     """Find the effects that explain the gap between model and measurements.
 
-    CAMPAIGN is a folder with a campaign.toml and its readings, or a bundled one: published or gauges.
+    CAMPAIGN is a folder with a campaign.toml and its readings, or a bundled one: gauges, knock or published.
     """
     output.check_folder(output.folder, adopt)
     case = open_case(name, instead=robot)
@@ -142,8 +142,7 @@ def _write_page(
     case: Case, nominal: Assembled | None, diagnosis: Diagnosis, report: Draft
 ) -> None:
     view = None
-    poses = say_count(len(case.campaign.pose_names), "pose")
-    facts = [f"{say_count(len(case.campaign), 'reading')} at {poses}"]
+    facts = _count_measured(case, diagnosis)
     if nominal is None:
         facts.append("the model under test is the campaign's own predictions")
     else:
@@ -155,6 +154,19 @@ def _write_page(
         view = share_view(report, nominal, diagnosis, found) if found else None
     title = f"Where is the gap? {case.name}"
     write_diagnosis_report(report, diagnosis, title=title, facts=facts, view=view)
+
+
+def _count_measured(case: Case, diagnosis: Diagnosis) -> list[str]:
+    """Return numbers of readings and poses, and of responses by set-up."""
+    poses = say_count(len(case.campaign.pose_names), "pose")
+    facts = [f"{say_count(len(case.campaign), 'reading')} at {poses}"]
+    if diagnosis.responses and not len(case.campaign):
+        facts = []
+    facts += [
+        f"{say_count(len(setup.lines), 'response')} of {name}"
+        for name, setup in diagnosis.responses.items()
+    ]
+    return facts
 
 
 @click.group()

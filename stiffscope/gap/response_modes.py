@@ -1,7 +1,8 @@
 """Modes of each set-up of responses, measured, before and after, and the gap in dB and Hz.
 
 A measured mode is a maximum of the rms level of all responses of a set-up; its shape is the vector
-of their values there. Measured and computed modes are paired by shape (MAC), never by order.
+of their values there, and that of a computed mode the vector of predicted values at its frequency.
+Measured and computed modes are paired by shape (MAC), never by order.
 
 References
 ----------
@@ -10,12 +11,15 @@ D. J. Ewins, Modal Testing, 2nd ed., Research Studies Press 2000, sect. 4.3, 5.4
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
+from itertools import repeat
 from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
 
+from stiffscope.errors import InputError
 from stiffscope.gap.campaign.response_lines import find_peaks
 from stiffscope.gap.forward.joint_model import JointModel
 from stiffscope.gap.inference.diagnosis import (
@@ -29,6 +33,7 @@ from stiffscope.responses.checks import name_response
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from stiffscope.gap.forward.forward_model import Parameters
     from stiffscope.gap.forward.response_state import ResponseState
     from stiffscope.gap.inference.findings import Findings
     from stiffscope.gap.inference.hypothesis import Hypothesis
@@ -36,6 +41,7 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Array, Complex, Flags
 
 _FAR = 2.0  # ratio of frequencies of modes that are not paired
+_APART = 0.25  # MAC that makes up for frequencies 1 apart, in ln
 _DECIBEL = 20.0 / np.log(10.0)
 
 
@@ -45,6 +51,7 @@ class _Levels:
 
     before: Array
     after: Array
+    held_out: Array
     noise: Array
 
 
@@ -65,25 +72,62 @@ def describe_responses(
     model = found.model
     if not isinstance(model, JointModel):
         return {}, {}
-    blocks: dict[str, list[tuple[ResponseState, ResponseState]]] = {}
-    pairs = zip(
-        model.predict().states, model.predict(reported.parameters).states, strict=True
-    )
-    for before, after in pairs:
-        name = before.block.measured.setup.name
-        blocks.setdefault(name, []).append((before, after))
+    sound = _group_by_setup(model.predict().states)
+    explained = _group_by_setup(model.predict(reported.parameters).states)
     setups = dict[str, SetupModes]()
     levels = list[_Levels]()
-    for name, states in blocks.items():
-        own = [_compare_levels(before, after) for before, after in states]
+    rows = list[tuple[float, float, float, float]]()
+    first = len(model.campaign.pose_names) - len(sound)  # their poses are the last
+    for pose, (name, before) in enumerate(sound.items(), start=first):
+        after = explained[name]
+        without = after
+        if reported.parameters:
+            parameters = found.find_parameters_without(reported, pose)
+            without = _predict_setup(model, parameters, name)
+        own = [
+            _compare_levels(one, other, third)
+            for one, other, third in zip(before, after, without or after, strict=True)
+        ]
+        if not without:
+            own = [replace(each, held_out=np.full(1, np.nan)) for each in own]
         levels += own
-        before, after = zip(*states, strict=True)
-        lines = tuple(line for pair in states for line in _compare_lines(*pair))
+        pairs = zip(before, after, strict=True)
+        lines = tuple(line for pair in pairs for line in _compare_lines(*pair))
+        modes = tuple(_pair_modes(before, after))
+        nan = float("nan")
+        unseen = [mode.frequency for mode in _list_modes(without)] if without else []
+        rows += [
+            (mode.measured, mode.before, mode.after, other)
+            for mode, other in zip(modes, unseen or [nan] * len(modes), strict=True)
+        ]
+        sizes = _sizes(own)
         setups[name] = SetupModes(
-            tuple(_pair_modes(before, after)), *_sizes(own), lines=lines
+            modes, sizes.before, sizes.after, sizes.noise, lines=lines
         )
     beside = "mode " if "frequency" in split_by_kind(found.campaign) else ""
-    return setups, _find_gaps(levels, setups, f"{beside}frequency")
+    return setups, _find_gaps(levels, rows, f"{beside}frequency")
+
+
+def _group_by_setup(
+    states: Sequence[ResponseState],
+) -> dict[str, list[ResponseState]]:
+    """Return the states of each set-up, by name."""
+    out = dict[str, "list[ResponseState]"]()
+    for state in states:
+        out.setdefault(state.block.measured.setup.name, []).append(state)
+    return out
+
+
+def _predict_setup(
+    model: JointModel, parameters: Parameters | None, name: str
+) -> list[ResponseState]:
+    """Return the states of a set-up with these parameters; none if they are not to be had."""
+    if parameters is None:
+        return []
+    try:
+        return _group_by_setup(model.predict(parameters).states)[name]
+    except InputError:  # beyond what can be assembled
+        return []
 
 
 def _compare_lines(
@@ -105,7 +149,9 @@ def _compare_lines(
         yield ResponseLines(name, hertz, response.receptance, first, last, noise)
 
 
-def _compare_levels(before: ResponseState, after: ResponseState) -> _Levels:
+def _compare_levels(
+    before: ResponseState, after: ResponseState, without: ResponseState
+) -> _Levels:
     """Return differences of levels at the lines that are more than noise.
 
     A predicted level is at least that of the noise, as at nodes of modes, where it is zero.
@@ -116,27 +162,52 @@ def _compare_levels(before: ResponseState, after: ResponseState) -> _Levels:
     level = np.log(np.where(heard, size, 1.0))
     predicted = (
         np.maximum(np.abs(block.read(state.lines)), block.sigma)
-        for state in (before, after)
+        for state in (before, after, without)
     )
-    first, last = (_DECIBEL * (np.log(each) - level)[heard] for each in predicted)
+    first, last, other = (
+        _DECIBEL * (np.log(each) - level)[heard] for each in predicted
+    )
     noise = _DECIBEL * (block.sigma / np.where(heard, size, 1.0))[heard]
-    return _Levels(first, last, noise)
+    return _Levels(first, last, other, noise)
+
+
+@dataclass(frozen=True)
+class _Match:
+    """A measured mode and the computed one of the same shape; NaN if there is none."""
+
+    measured: float
+    frequency: float
+    mac: float
+    damping: float
 
 
 def _pair_modes(
     before: Sequence[ResponseState], after: Sequence[ResponseState]
 ) -> Iterator[ResponseModes]:
     """Yield the measured modes of all blocks of a set-up with the computed ones of the same shape."""
-    responses = [each for state in before for each in state.block.measured.responses]
+    for first, last in zip(_list_modes(before), _list_modes(after), strict=True):
+        yield ResponseModes(
+            first.measured,
+            first.frequency,
+            last.frequency,
+            last.damping,
+            first.mac,
+            last.mac,
+        )
+
+
+def _list_modes(states: Sequence[ResponseState]) -> list[_Match]:
+    """Return the measured modes of all blocks of a set-up, matched with those of states."""
+    responses = [each for state in states for each in state.block.measured.responses]
     spread, measured = _spread_lines(responses)
     peaks = find_peaks(spread)
     hertz = spread[0].frequency[peaks]
     shapes = np.array([response.receptance[peaks] for response in spread])
-    heard = measured[:, peaks]
-    sides = [_match(hertz, shapes, heard, states) for states in (before, after)]
-    for k, frequency in enumerate(hertz.tolist()):
-        (first, mac_before, _), (last, mac_after, ratio) = (side[k] for side in sides)
-        yield ResponseModes(frequency, first, last, ratio, mac_before, mac_after)
+    found = _match(hertz, shapes, measured[:, peaks], states)
+    return [
+        _Match(frequency, *own)
+        for frequency, own in zip(hertz.tolist(), found, strict=True)
+    ]
 
 
 def _spread_lines(responses: Sequence[Response]) -> tuple[list[Response], Flags]:
@@ -183,24 +254,23 @@ def _match(
 
     Shapes (r, k) are compared where they were measured, ``heard`` (r, k).
     """
+    if not len(hertz):
+        return []
     modes = states[0].frequencies
-    inside = np.isfinite(modes)
-    products = [
-        state.ports[force] * state.ports[motion]
-        for state in states
-        for force, motion in [state.pairs.T]
-    ]
-    parts = np.concatenate(products)[:, inside]
+    inside = (modes > hertz.min() / _FAR) & (modes < hertz.max() * _FAR)
     own = modes[inside]
+    # both as heard at a resonance, with the tails of the modes beside it
+    parts = np.concatenate([state.predict_lines(own) for state in states])
     ratios = _find_ratios(states)[inside]
     product = np.abs(shapes.conj().T @ parts) ** 2
-    size = np.sum(np.abs(shapes) ** 2, axis=0)[:, None] * (heard.T @ parts**2)
+    size = np.sum(np.abs(shapes) ** 2, axis=0)[:, None] * (heard.T @ np.abs(parts) ** 2)
     mac = np.divide(product, size, out=np.zeros_like(product), where=size > 0.0)
-    apart = np.abs(np.log(own.clip(min=1e-300) / hertz[:, None]))
+    apart = np.abs(np.log(own / hertz[:, None]))
     mac = np.where(apart <= np.log(_FAR), mac, 0.0)
-    out = [(float("nan"), float("nan"), float("nan"))] * len(hertz)
-    # of equal shapes, the nearer frequency
-    rows, columns = linear_sum_assignment(0.1 * apart.clip(max=1.0) - mac)
+    unpaired = math.nan, math.nan, math.nan
+    out = list(repeat(unpaired, len(hertz)))
+    # of shapes about as alike, the nearer frequency
+    rows, columns = linear_sum_assignment(_APART * apart - mac)
     for row, column in zip(rows.tolist(), columns.tolist(), strict=True):
         if mac[row, column] > 0.0:
             found = own[column], mac[row, column], ratios[column]
@@ -212,31 +282,31 @@ def _rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
 
 
-def _sizes(levels: Sequence[_Levels]) -> list[float]:
-    """Return the rms of differences before, after, and by noise."""
-    return [
+def _sizes(levels: Sequence[_Levels]) -> AbsoluteGap:
+    """Return the rms of differences before, after, held out, and by noise."""
+    before, after, held_out, noise = (
         _rms(np.concatenate([getattr(each, side) for each in levels]))
-        for side in ("before", "after", "noise")
-    ]
+        for side in ("before", "after", "held_out", "noise")
+    )
+    return AbsoluteGap("dB", before, after, held_out, noise)
 
 
 def _find_gaps(
-    levels: Sequence[_Levels], setups: dict[str, SetupModes], name: str
+    levels: Sequence[_Levels],
+    modes: Sequence[tuple[float, float, float, float]],
+    name: str,
 ) -> dict[str, AbsoluteGap]:
-    """Return the gaps of lines in dB, and of modes, by this name, in Hz and relative."""
+    """Return the gaps of lines in dB, and of modes, by this name, in Hz and relative.
+
+    modes: frequencies measured, before, after and held out.
+    """
     nan = float("nan")
-    before, after, noise = _sizes(levels)
-    out = {"response": AbsoluteGap("dB", before, after, nan, noise)}
-    rows = [
-        (mode.measured, mode.before, mode.after)
-        for setup in setups.values()
-        for mode in setup.modes
-        if np.isfinite([mode.before, mode.after]).all()
-    ]
+    out = {"response": _sizes(levels)}
+    rows = [row for row in modes if np.isfinite(row[:3]).all()]
     if rows:
-        measured, before, after = np.array(rows).T
-        sizes = _rms(before - measured), _rms(after - measured)
-        shares = _rms(before / measured - 1.0), _rms(after / measured - 1.0)
-        out[name] = AbsoluteGap("Hz", *sizes, nan, nan)
-        out[f"{name}_relative"] = AbsoluteGap("1", *shares, nan, nan)
+        measured, *computed = np.array(rows).T
+        before, after, without = (_rms(each - measured) for each in computed)
+        out[name] = AbsoluteGap("Hz", before, after, without, nan)
+        before, after, without = (_rms(each / measured - 1.0) for each in computed)
+        out[f"{name}_relative"] = AbsoluteGap("1", before, after, without, nan)
     return out

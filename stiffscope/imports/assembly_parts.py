@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from stiffscope import cad
 from stiffscope.cad.materials import DESIGNATIONS, MATERIALS
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.imports.compiled_model import print_safely
 from stiffscope.imports.import_record import RECORD, parts_folder
 from stiffscope.imports.robot_text import (
@@ -96,13 +96,11 @@ def choose_materials(
         pattern, equals, name = (each.strip() for each in text.partition("="))
         where = place_of("--material", text)
         names = ", ".join(MATERIALS)
-        if not equals or name.lower() not in known:
-            raise InputError(
-                f'{where}: expected PATTERN=NAME with a name of {names}, got "{text}"'
-            )
-        if not fnmatch.filter(words, pattern.lower()):
-            what = "the name of a solid, or of its material"
-            raise InputError(f'{where}: expected {what}, got "{print_safely(pattern)}"')
+        valid = equals and name.lower() in known
+        require(valid, where, f"PATTERN=NAME with a name of {names}", f'"{text}"')
+        matching = fnmatch.filter(words, pattern.lower())
+        expected = "the name of a solid, or of its material"
+        require(matching, where, expected, f'"{print_safely(pattern)}"')
         rules.append((pattern.lower(), known[name.lower()]))
     found = dict[int, str]()
     missing = defaultdict[str, list[str]](list)

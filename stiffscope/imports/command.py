@@ -9,7 +9,7 @@ import click
 from stiffscope.cli import options
 from stiffscope.cli.options import Texts, takes
 from stiffscope.cli.output import emit
-from stiffscope.errors import InputError
+from stiffscope.errors import require
 from stiffscope.imports.import_assembly import import_assembly
 from stiffscope.imports.import_model import import_model
 from stiffscope.imports.said import Said
@@ -112,19 +112,17 @@ def import_(
     mark where to add them. An assembly.toml beside the assembly may hold the same settings.
     """
     if model.suffix.lower() in {".step", ".stp", ".p21"}:
-        if home:
-            expected = "expected none for an assembly, whose home is as it stands"
-            raise InputError(f"--home: {expected}, got some")
-        if loops is not None:
-            raise InputError("--loops: expected a URDF, got an assembly")
+        expected = "none for an assembly, whose home is as it stands"
+        require(not home, "--home", expected, "some")
+        require(loops is None, "--loops", "a URDF", "an assembly")
         given = Said(tool=tool, drive=drives, **said)
         with progress(quiet=output.quiet) as open_line:
             found = import_assembly(model, goal, given, open_line(model.name))
         emit(output, import_json(found), lambda: show_import(found))
         return
     for name, value in said.items():
-        if value and name != "material":
-            raise InputError(f"--{name}: expected a STEP assembly, got {model.name}")
+        fits = not value or name == "material"
+        require(fits, f"--{name}", "a STEP assembly", model.name)
     read = import_model(
         path=model,
         out=goal,

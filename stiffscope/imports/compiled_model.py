@@ -7,14 +7,14 @@ import re
 import warnings
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import chain
+from itertools import chain, repeat
 from typing import TYPE_CHECKING, Any
 from xml.parsers import expat
 
 import numpy as np
 from numpy.polynomial.polynomial import polyval
 
-from stiffscope.errors import InputError, suggest
+from stiffscope.errors import InputError, naming, require, suggest
 from stiffscope.imports.model_inertia import set_aside_inertias
 from stiffscope.imports.model_loops import close_loops
 from stiffscope.robot.file.quantities import ANGLE, LENGTH, to_si
@@ -257,7 +257,7 @@ def _drop_meshes(mj: Any, spec: Any) -> None:
     kinds = mj.mjtGeom.mjGEOM_MESH, mj.mjtGeom.mjGEOM_HFIELD, mj.mjtGeom.mjGEOM_SDF
     shapes = [geom for geom in spec.geoms if geom.type in kinds]
     for material in spec.materials:
-        material.textures = [""] * len(material.textures)
+        material.textures = list(repeat("", len(material.textures)))
     others = spec.meshes, spec.textures, spec.hfields, spec.skins
     unused = (
         spec.pairs,
@@ -281,22 +281,18 @@ def _check_urdf(path: Path, content: bytes) -> list[str]:
 
     def look(element: str, attributes: Mapping[str, str]) -> None:
         place = f"{path}:{parser.CurrentLineNumber}: {print_safely(element)}"
-        if element.startswith("xacro:"):
-            got = 'got one to be converted ("xacro FILE.xacro > FILE.urdf")'
-            raise InputError(f"{place}: expected a URDF without xacro, {got}")
+        got = 'one to be converted ("xacro FILE.xacro > FILE.urdf")'
+        is_macro = element.startswith("xacro:")
+        require(not is_macro, place, "a URDF without xacro", got)
         known = element in {*_URDF, "inertial"}
         guess = "" if known else suggest(element, _URDF, cutoff=0.8)
-        if guess:
-            raise InputError(
-                f'{place}: expected an element of URDF, got "{element}"{guess}'
-            )
+        require(not guess, place, "an element of URDF", f'"{element}"{guess}')
         if len(opened) == 1 and element in {"link", "joint"}:
-            own = element, attributes.get("name", "")
-            if not own[1] or own in named:
-                raise InputError(
-                    f'{place}.name: expected a name of its own, got {own[1] and "another "}"{own[1]}"'
-                )
-            named.add(own)
+            name = attributes.get("name", "")
+            got = f'{name and "another "}"{name}"'
+            is_new = name and (element, name) not in named
+            require(is_new, f"{place}.name", "a name of its own", got)
+            named.add((element, name))
             joint.clear()
             joint.update(attributes)
         opened.append(element)
@@ -332,12 +328,11 @@ def _check_attributes(
         endless = name in {"effort", "velocity"} or (
             element == "limit" and joint.get("type") == "continuous"
         )
-        if not endless and words & {"inf", "nan", "infinity"}:
-            raise InputError(f'{place}.{name}: expected finite numbers, got "{text}"')
-        if element == "mass" and text.strip().startswith("-"):
-            raise InputError(
-                f'{place}.{name}: expected no mass below zero, got "{text}"'
-            )
+        where = f"{place}.{name}"
+        finite = endless or not words & {"inf", "nan", "infinity"}
+        require(finite, where, "finite numbers", f'"{text}"')
+        negative = element == "mass" and text.strip().startswith("-")
+        require(not negative, where, "no mass below zero", f'"{text}"')
 
 
 def _is_drivers_word(element: str, name: str, attributes: Mapping[str, str]) -> bool:
@@ -377,13 +372,11 @@ def _check_spec(path: Path, spec: Any) -> None:
         ("inertia", "kg*m^2", "body", spec.bodies),
         ("density", "kg/m^3", "geom", spec.geoms),
     ):
-        for each in things:
-            value = np.min(getattr(each, quantity))
-            if value < 0:
-                got = f'{value:g} {unit} of {what} "{print_safely(each.name)}"'
-                raise InputError(
-                    f"{_place(path, each.info)}: expected no {quantity} below zero, got {got}"
-                )
+        for thing in things:
+            value = np.min(getattr(thing, quantity))
+            got = f'{value:g} {unit} of {what} "{print_safely(thing.name)}"'
+            where = _place(path, thing.info)
+            require(not value < 0, where, f"no {quantity} below zero", got)
 
 
 def _reason(error: Exception) -> str:
@@ -405,9 +398,8 @@ def _check_finite(path: Path, m: Any) -> None:
     far = (
         np.abs(m.body_pos).max() > _FARTHEST or np.abs(m.body_ipos).max() > _FARTHEST**2
     )
-    if not finite or far:
-        what = f"whose numbers are finite, and its places within {_FARTHEST:g} m"
-        raise InputError(f"{path}: expected {_MODEL} {what}, got others")
+    what = f"whose numbers are finite, and its places within {_FARTHEST:g} m"
+    require(finite and not far, path, f"{_MODEL} {what}", "others")
 
 
 def _go_home(compiled: CompiledModel, wanted: Mapping[str, float]) -> None:
@@ -419,10 +411,8 @@ def _go_home(compiled: CompiledModel, wanted: Mapping[str, float]) -> None:
     if key >= 0:
         mj.mj_resetDataKeyframe(m, d, key)
         compiled.notes.append('home is the keyframe "home" of the source')
-    if not np.isfinite(d.qpos).all():
-        raise InputError(
-            f"{compiled.path}: expected {_MODEL} whose home is finite numbers, got others"
-        )
+    expected = f"{_MODEL} whose home is finite numbers"
+    require(np.isfinite(d.qpos).all(), compiled.path, expected, "others")
     joints = {
         name: each
         for name, each in compiled.labels("joint", m.njnt).items()
@@ -436,21 +426,17 @@ def _go_home(compiled: CompiledModel, wanted: Mapping[str, float]) -> None:
     }
     _enter_ranges(compiled, free)
     for name, value in wanted.items():
-        if name not in joints:
-            what = f"a joint that turns or slides ({', '.join(joints)})"
-            raise InputError(f'--home {name}: expected {what}, got "{name}"')
+        where = f"--home {name}"
+        expected = f"a joint that turns or slides ({', '.join(joints)})"
+        require(name in joints, where, expected, f'"{name}"')
         number = joints[name]
         slides = compiled.is_a(m.jnt_type[number], "mjtJoint", "mjJNT_SLIDE")
-        try:
+        with naming(where):
             to_si(value, LENGTH if slides else ANGLE, sign="any")
-        except ValueError as error:
-            raise InputError(f"--home {name}: {error}") from error
         low, high = m.jnt_range[number]
-        if m.jnt_limited[number] and not low <= value <= high:
-            what = f"a position within its range, {low:.4g} to {high:.4g}"
-            raise InputError(
-                f"--home {name}: expected {what}, got {value:.4g} (m or rad)"
-            )
+        within = low <= value <= high or not m.jnt_limited[number]
+        expected = f"a position within its range, {low:.4g} to {high:.4g}"
+        require(within, where, expected, f"{value:.4g} (m or rad)")
         d.qpos[m.jnt_qposadr[number]] = value
     _lead(compiled, {joints[name] for name in wanted})
     _follow(compiled, couplings)

@@ -12,7 +12,7 @@ import numpy as np
 from stiffscope.cad.assembly import read_assembly
 from stiffscope.cad.contacts import find_contacts
 from stiffscope.cad.materials import MATERIALS
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.imports.assembly_parts import (
     PartFile,
     choose_materials,
@@ -266,11 +266,8 @@ class _Found:
 def _choose_ground(found: _Found, wanted: str | None) -> int:
     """Return the ground part: as given, else the largest of those with a usual name or of all."""
     parts = [n for n in range(len(found.solids)) if n not in found.hardware.roles]
-    if not parts:
-        what = "got hardware alone; say --part NAME of what is a part"
-        raise InputError(
-            f"{show_path(found.path)}: expected an assembly with parts, {what}"
-        )
+    got = "hardware alone; say --part NAME of what is a part"
+    require(parts, show_path(found.path), "an assembly with parts", got)
     if wanted is not None:
         return _find_wanted(found, "--ground", wanted, parts, "a part, no hardware")
     named = [n for n in parts if _GROUND.search(found.solids[n].name.split(".")[-1])]
@@ -284,16 +281,13 @@ def _choose_tool(
     """Return the tool part: as given, else with a usual name, else behind most moving joints."""
     solids = found.solids
     able = [n for n in reached if n != ground]
-    if not able:
-        got = f"none that touches {solids[ground].name}, the ground; say --ground or --joint"
-        got = (
-            got
-            if len(solids) > 1
-            else 'one solid; describe a single part in a robot file, with shape = "step"'
-        )
-        raise InputError(
-            f"{show_path(found.path)}: expected parts that joints connect, got {got}"
-        )
+    got = (
+        f"none that touches {solids[ground].name}, the ground; say --ground or --joint"
+    )
+    if len(solids) == 1:
+        single = 'describe a single part in a robot file, with shape = "step"'
+        got = f"one solid; {single}"
+    require(able, show_path(found.path), "parts that joints connect", got)
     if wanted is not None:
         return _find_wanted(found, "--tool", wanted, able, "a part that moves")
     fixed = [joint for joint in found.joints if joint.kind == "fixed"]
@@ -321,11 +315,9 @@ def _find_wanted(
 ) -> int:
     """Return the first part that a pattern names among those able."""
     named = match_solids(found.solids, (wanted,), option).intersection(able)
-    if not named:
-        names = list_some([found.solids[n].name for n in able])
-        raise InputError(
-            f'{place_of(option, wanted)}: expected {what} ({names}), got "{wanted}"'
-        )
+    names = list_some([found.solids[n].name for n in able])
+    where = place_of(option, wanted)
+    require(named, where, f"{what} ({names})", f'"{wanted}"')
     return min(named)
 
 

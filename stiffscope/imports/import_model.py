@@ -6,7 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from stiffscope.errors import InputError
+from stiffscope.errors import expecting, require
 from stiffscope.imports.assembly_parts import part_lines, write_import
 from stiffscope.imports.compiled_model import is_urdf, print_safely
 from stiffscope.imports.import_record import parts_folder
@@ -61,12 +61,9 @@ def import_model(
     out = Path(out)
     check(out)
     path, urdf = Path(path), is_urdf(read_bytes(path, "a model in URDF or MJCF"))
-    if materials and not urdf:
-        raise InputError(
-            f"--material: expected a STEP assembly or a URDF, got {path.name}"
-        )
-    if loops is not None and not urdf:
-        raise InputError(f"--loops: expected a URDF, got {path.name}")
+    fits = urdf or not materials
+    require(fits, "--material", "a STEP assembly or a URDF", path.name)
+    require(urdf or loops is None, "--loops", "a URDF", path.name)
     model = read_model(
         path,
         tool,
@@ -94,13 +91,9 @@ def _positions(texts: Sequence[str]) -> dict[str, float]:
     found: dict[str, float] = {}
     for text in texts:
         name, equals, value = (each.strip() for each in text.partition("="))
-        if name in found:
-            raise InputError(
-                f"--home {text}: expected each joint once, got {name} twice"
-            )
-        try:
+        where = f"--home {text}"
+        require(name not in found, where, "each joint once", f"{name} twice")
+        expected = 'JOINT=POSITION such as "elbow=90 deg"'
+        with expecting(where, expected, ValueError, got=f'"{text}"'):
             found[name] = measured_quantity(number_or_text(value) if equals else None)
-        except ValueError as error:
-            what = 'JOINT=POSITION such as "elbow=90 deg"'
-            raise InputError(f'--home {text}: expected {what}, got "{text}"') from error
     return found

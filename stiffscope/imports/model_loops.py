@@ -14,11 +14,23 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from itertools import repeat
+from typing import TYPE_CHECKING, Annotated, Any, Self
 from xml.etree import ElementTree as ET
 
-from stiffscope.errors import InputError, say_count, suggest
-from stiffscope.robot.file.tables import list_some
+from pydantic import BaseModel, BeforeValidator, ConfigDict, model_validator
+
+from stiffscope.errors import (
+    FieldError,
+    InputError,
+    expecting,
+    require,
+    say_count,
+    suggest,
+)
+from stiffscope.robot.file.quantities import show_value
+from stiffscope.robot.file.tables import list_some, read_table
+from stiffscope.robot.file.values import Says
 from stiffscope.runtime.reading import read_text, show_path
 
 if TYPE_CHECKING:
@@ -26,6 +38,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 _KINDS = ("3d", "6d")
+_JOINTS = ("SPHERICAL", "FIXED", "UJOINT_XY")
 _UNIVERSAL = re.compile(r"UJOINT_([XYZ])([XYZ])")
 _AXES = {"X": [1.0, 0.0, 0.0], "Y": [0.0, 1.0, 0.0], "Z": [0.0, 0.0, 1.0]}
 
@@ -40,58 +53,78 @@ class Loops:
     motors: tuple[str, ...]
 
 
+def _joint_type(value: Any) -> str:
+    kind = str(value).upper()
+    known = kind in _JOINTS or _UNIVERSAL.fullmatch(kind)
+    require(known, "", f"one of {', '.join(_JOINTS)}", f'"{kind}"')
+    return kind
+
+
+def _pair(value: Any) -> tuple[str, str]:
+    valid = isinstance(value, list) and len(value) == 2
+    require(valid, "", "pairs of frames", show_value(value))
+    first, second = value
+    return str(first), str(second)
+
+
+_List = BeforeValidator(lambda value: value or [])  # YAML's empty value is null
+
+
+class _LoopsFile(BaseModel):
+    """Keys of a file of loops; others of the same collections, such as of feet, are ignored."""
+
+    model_config = ConfigDict(coerce_numbers_to_str=True)
+
+    closed_loop: Annotated[
+        tuple[Annotated[tuple[str, str], BeforeValidator(_pair)], ...],
+        _List,
+        Says("pairs of frames"),
+    ]
+    type: Annotated[
+        tuple[Annotated[str, BeforeValidator(lambda kind: str(kind).lower())], ...],
+        _List,
+    ] = ()
+    joint_name: Annotated[tuple[str, ...], _List] = ()
+    joint_type: Annotated[
+        tuple[Annotated[str, BeforeValidator(_joint_type)], ...], _List
+    ] = ()
+    name_mot: Annotated[tuple[str, ...], _List] = ()
+
+    @model_validator(mode="after")
+    def _check_lengths(self) -> Self:
+        loops = len(self.closed_loop)
+        fits = len(self.type) in {0, loops} and {*self.type} <= {*_KINDS}
+        expected = f'"3d" or "6d" for each of {say_count(loops, "loop")}'
+        require(fits, "loops.type", expected, list(self.type))
+        joints = len(self.joint_name)
+        expected = f"a type for each of {say_count(joints, 'joint')}"
+        types = len(self.joint_type)
+        require(types == joints, "loops.joint_type", expected, types)
+        return self
+
+
 def read_loops(path: Path) -> Loops:
     """Read a file of loops. Raises InputError if it is not one, or PyYAML is missing."""
-    try:
+    cure = "none; install it by: python -m pip install pyyaml"
+    with expecting("--loops", "the package pyyaml", ImportError, got=cure):
         import yaml
-    except ImportError as error:
-        raise InputError(
-            "--loops: expected the package pyyaml, got none; "
-            "install it by: python -m pip install pyyaml"
-        ) from error
     where = show_path(path)
+    text = read_text(path, "a YAML file of loops")
     try:
-        held = yaml.safe_load(read_text(path, "a YAML file of loops"))
+        held = yaml.safe_load(text)
     except yaml.YAMLError as error:
         line = getattr(getattr(error, "problem_mark", None), "line", 0) + 1
         raise InputError(f"{where}:{line}: expected YAML, got other text") from error
-    if not isinstance(held, dict) or "closed_loop" not in held:
-        got = "got none"
-        raise InputError(f"{where}: closed_loop: expected pairs of frames, {got}")
-    pairs = _list(held, "closed_loop", where)
-    kinds = [str(each).lower() for each in _list(held, "type", where)]
-    kinds = kinds or ["6d"] * len(pairs)
-    for pair in pairs:
-        if not isinstance(pair, list) or len(pair) != 2:
-            raise InputError(
-                f"{where}: closed_loop: expected pairs of frames, got {pair!r}"
-            )
-    if len(kinds) != len(pairs) or not {*kinds} <= {*_KINDS}:
-        what = f'"3d" or "6d" for each of {say_count(len(pairs), "loop")}'
-        raise InputError(f"{where}: type: expected {what}, got {kinds}")
-    names = [str(each) for each in _list(held, "joint_name", where)]
-    types = [str(each).upper() for each in _list(held, "joint_type", where)]
-    known = ("SPHERICAL", "FIXED", "UJOINT_XY")
-    for each in types:
-        if each not in known and not _UNIVERSAL.fullmatch(each):
-            raise InputError(
-                f'{where}: joint_type: expected one of {", ".join(known)}, got "{each}"'
-            )
-    if len(names) != len(types):
-        what = f"a type for each of {say_count(len(names), 'joint')}"
-        raise InputError(f"{where}: joint_type: expected {what}, got {len(types)}")
-    ends = [(str(a), str(b)) for a, b in pairs]
-    loops = [(*end, kind) for end, kind in zip(ends, kinds, strict=True)]
-    motors = tuple(str(each) for each in _list(held, "name_mot", where))
-    joints = tuple(zip(names, types, strict=True))
-    return Loops(path, tuple(loops), joints, motors)
-
-
-def _list(held: dict[str, Any], key: str, where: str) -> list[Any]:
-    value = held.get(key) or []
-    if not isinstance(value, list):
-        raise InputError(f"{where}: {key}: expected a list, got {value!r}")
-    return value
+    try:
+        file = read_table(_LoopsFile, held, ())
+    except FieldError as error:
+        key = error.key[0] if error.key else "closed_loop"
+        raise InputError(f"{where}: {key}: {error}") from error
+    kinds = file.type or tuple(repeat("6d", len(file.closed_loop)))
+    ends = zip(file.closed_loop, kinds, strict=True)
+    loops = tuple((first, second, kind) for (first, second), kind in ends)
+    joints = tuple(zip(file.joint_name, file.joint_type, strict=True))
+    return Loops(path, loops, joints, file.name_mot)
 
 
 def close_loops(mj: Any, spec: Any, loops: Loops, urdf: bytes) -> list[str]:
@@ -151,10 +184,8 @@ def _children(urdf: bytes) -> Mapping[str, str]:
 
 
 def _check_known(name: str, known: Sequence[str], place: str, what: str) -> None:
-    if name not in known:
-        raise InputError(
-            f'{place}: expected {what} of the URDF, got "{name}"{suggest(name, known)}'
-        )
+    got = f'"{name}"{suggest(name, known)}'
+    require(name in known, place, f"{what} of the URDF", got)
 
 
 def _change_joint(mj: Any, spec: Any, joint: Any, kind: str) -> None:

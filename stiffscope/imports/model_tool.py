@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import require
 from stiffscope.imports.compiled_model import GROUND
 
 if TYPE_CHECKING:
@@ -34,17 +34,17 @@ def find_tool(source: CompiledModel, wanted: str | None) -> tuple[int, Array, st
     d = source.data
     sites = source.labels("site", m.nsite)
     bodies = source.labels("body", m.nbody, 1)
-    if wanted is not None and wanted not in sites and wanted not in bodies:
-        what = f"a body or site of {source.path} ({', '.join([*sites, *bodies])})"
-        raise InputError(f'--tool {wanted}: expected {what}, got "{wanted}"')
+    known = wanted is None or wanted in sites or wanted in bodies
+    expected = f"a body or site of {source.path} ({', '.join([*sites, *bodies])})"
+    require(known, f"--tool {wanted}", expected, f'"{wanted}"')
     for name in (wanted,) if wanted else _SITES:
         if name in sites and source.mover(int(m.site_bodyid[sites[name]])) != GROUND:
             body = int(m.site_bodyid[sites[name]])
             return body, d.site_xpos[sites[name]].copy(), f'site "{name}" of the source'
     body = bodies[wanted] if wanted in bodies else _last_body(source)
-    if source.mover(body) == GROUND:
-        got = wanted or "a model whose bodies are all fixed"
-        raise InputError(f"{source.path}: expected a tool that moves, got {got}")
+    got = wanted or "a model whose bodies are all fixed"
+    moves = source.mover(body) != GROUND
+    require(moves, source.path, "a tool that moves", got)
     return (
         body,
         d.xpos[body].copy(),
@@ -88,9 +88,8 @@ def movable_coordinates(
         basis = rows[(sizes > 1e-9 * sizes[0]).sum() :].T
     chosen = choose_coordinates(jacobian @ basis)
     count = len(chosen)
-    if not count:
-        got = "one that joints and loops hold; choose another with --tool"
-        raise InputError(f"{source.path}: expected a tool that moves, got {got}")
+    got = "one that joints and loops hold; choose another with --tool"
+    require(count, source.path, "a tool that moves", got)
     if (
         not closures.size
         and count < min(6, m.nv - len(held))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError, suggest
+from stiffscope.errors import InputError, naming, require, suggest
 from stiffscope.robot.file import quantities as q
 from stiffscope.robot.file.copies import SIX
 from stiffscope.robot.file.parse import place_of
@@ -65,26 +65,19 @@ def driven(model: SimulatorModel, drives: Sequence[str]) -> dict[str, str]:
     for text in drives:
         where = place_of("--drive", text)
         name, equals, value = (each.strip() for each in text.partition("="))
-        if not equals:
-            what = 'JOINT=STIFFNESS such as "joint1=25 kN*m/rad"'
-            raise InputError(f'{where}: expected {what}, got "{text}"')
+        expected = 'JOINT=STIFFNESS such as "joint1=25 kN*m/rad"'
+        require(equals, where, expected, f'"{text}"')
         named = [name] if name in able else fnmatch.filter(able, name)
         if not named:
             what = f"a joint that turns or slides ({', '.join(able)})"
             raise InputError(
                 f'{where}: expected {what}, got "{name}"{suggest(name, able)}'
             )
-        try:
-            for each in named:
-                q.to_si(number_or_text(value), _DRIVABLE[joints[each].kind])
-        except ValueError as error:
-            raise InputError(f"{where}: {error}") from error
-        twice = [each for each in named if each in found]
-        if twice:
-            got = f"two of {twice[0]}"
-            raise InputError(
-                f"{where}: expected one stiffness of each joint, got {got}"
-            )
+        for joint in named:
+            with naming(where):
+                q.to_si(number_or_text(value), _DRIVABLE[joints[joint].kind])
+            first = joint not in found
+            require(first, where, "one stiffness of each joint", f"two of {joint}")
         found |= dict.fromkeys(named, to_toml(number_or_text(value)))
     return found
 

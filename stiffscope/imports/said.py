@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.imports.contact_joints import measure_size
 from stiffscope.imports.import_record import SETTINGS
 from stiffscope.imports.part_motions import Freedom, joint_freedom
@@ -72,10 +72,7 @@ def said_of(table: Mapping[str, Any], place: Callable[..., str] | None = None) -
     values: dict[str, Any] = {}
     for key, value in table.items():
         where = key if place is None else place(key)
-        if key not in known:
-            raise InputError(
-                f'{where}: expected one of {", ".join(known)}, got "{key}"'
-            )
+        require(key in known, where, f"one of {', '.join(known)}", f'"{key}"')
         tables = isinstance(value, dict) and key in {"joint", "material", "drive"}
         texts: Any = (
             [f"{name}={each}" for name, each in value.items()] if tables else value
@@ -84,9 +81,9 @@ def said_of(table: Mapping[str, Any], place: Callable[..., str] | None = None) -
         listed = isinstance(texts, (list, tuple)) and all(
             isinstance(each, str) for each in texts
         )
-        if not listed or (key in _SINGLE and len(texts) != 1):
-            wanted = "a name" if key in _SINGLE else "a list of texts"
-            raise InputError(f"{where}: expected {wanted}, got {value!r}")
+        valid = listed and (key not in _SINGLE or len(texts) == 1)
+        expected = "a name" if key in _SINGLE else "a list of texts"
+        require(valid, where, expected, repr(value))
         if place is not None:
             keys = value if tables else range(len(texts))
             texts = [
@@ -134,11 +131,9 @@ def as_said(
         pair, _, kind = (each.strip() for each in text.rpartition("="))
         where = place_of("--joint", text)
         first, _, second = (each.strip() for each in pair.partition("/"))
-        if kind not in {*FREE, "none"} or not first or not second:
-            kinds = ", ".join((*FREE, "none"))
-            raise InputError(
-                f'{where}: expected A/B=KIND with one of {kinds}, got "{text}"'
-            )
+        valid = kind in {*FREE, "none"} and first and second
+        kinds = ", ".join((*FREE, "none"))
+        require(valid, where, f"A/B=KIND with one of {kinds}", f'"{text}"')
         ones, others = (
             match_solids(solids, (name,), f"{where}: solid") for name in (first, second)
         )
@@ -148,9 +143,8 @@ def as_said(
             both = frozenset((each.first, each.second))
             if both in pairs:
                 here[both].append(each)
-        if not here:
-            got = f'"{first}" and "{second}", which do not'
-            raise InputError(f"{where}: expected two solids that touch, got {got}")
+        got = f'"{first}" and "{second}", which do not'
+        require(here, where, "two solids that touch", got)
         named |= here.keys()
         found = [joint for joint in found if frozenset(joint.ends) not in here]
         if kind != "none":

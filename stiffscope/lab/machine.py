@@ -12,7 +12,7 @@ from stiffscope.lab.rotations import axes_along, skew, turn
 from stiffscope.robot.file.sections import ElasticBody, InterfaceBody
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
     from stiffscope.lab.rotations import Array
     from stiffscope.robot.file.description import RobotFile
@@ -66,6 +66,13 @@ class Body:
     part: str = ""
     offset: Array = field(default_factory=lambda: _zeros(6))
     """Twist (6m,) of the unloaded ends from their drawn positions, part axes."""
+    inertia: Array = field(default_factory=lambda: _zeros(3, 3))
+    """Inertia (3, 3) of a rigid body about its centre, base axes at home."""
+    moving: Array = field(default_factory=lambda: _zeros(0, 0))
+    """Mass matrix (6n + k, 6n + k) of its n ends' twists and k modes between them, part axes; (0, 0) if
+    its mass is at its ends."""
+    squares: Array = field(default_factory=lambda: _zeros(0))
+    """Squared angular frequencies (k,) of these modes, whose amplitudes have a unit mass."""
 
     @property
     def away(self) -> Array:
@@ -253,6 +260,8 @@ class Machine:
     payloads: tuple[Payload, ...] = ()
     slots: tuple[Slot, ...] = ()
     instrument: Instrument = field(default_factory=Instrument)
+    sensor_masses: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Mass, kg, of the sensors at points of a hammer test, beyond the stated one."""
     still: tuple[str, ...] = ()
     kept: tuple[str, ...] = ()
     """Drives and springs, and coordinates of M, that poses leave as at home."""
@@ -295,7 +304,8 @@ def machine_of(robot: RobotFile, parts: Mapping[str, Any]) -> Machine:
             bodies[name] = _make_elastic(robot, name, section, parts[section.part])
         else:
             centre = np.array(section.centre or (0.0, 0.0, 0.0))
-            bodies[name] = Body(name, (name,), section.mass, centre)
+            inertia = _read_inertia(section.inertia)
+            bodies[name] = Body(name, (name,), section.mass, centre, inertia=inertia)
     joints = {
         name: _joint(robot, name, section) for name, section in robot.joints.items()
     }
@@ -316,6 +326,12 @@ def machine_of(robot: RobotFile, parts: Mapping[str, Any]) -> Machine:
         gravity=gravity,
         slots=tuple(_find_slots(robot)),
     )
+
+
+def _read_inertia(moments: Sequence[float] | None) -> Array:
+    """Return the inertia (3, 3) with Ixx, Iyy, Izz, Ixy, Ixz, Iyz, as elements of the matrix."""
+    xx, yy, zz, xy, xz, yz = moments or (0.0,) * 6
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
 def _find_slots(robot: RobotFile) -> Iterable[Slot]:
@@ -343,6 +359,8 @@ def _make_elastic(
         axes = axes_along(np.array(section.x), y)
         places = np.array(section.at) + np.asarray(part.places) @ axes.T
     material = robot.material(section.part)
+    relative = (places - places[-1]) @ axes
+    moving, squares = _find_motion(part, relative)
     return Body(
         name,
         tuple(f"{name}.{end}" for end in robot.ends(name)),
@@ -350,11 +368,28 @@ def _make_elastic(
         places=places,
         axes=axes,
         compliance=np.array(part.compliance),
-        ends=_ends(part, (places - places[-1]) @ axes),
+        ends=_ends(part, relative),
         expansion=0.0 if material is None else material.expansion,
         part=section.part,
         offset=_zeros(6 * len(places) - 6),
+        moving=moving,
+        squares=squares,
     )
+
+
+def _find_motion(part: Any, places: Array) -> tuple[Array, Array]:
+    """Return the mass matrix (6n + k, 6n + k) and squared frequencies (k,) of a part's motions.
+
+    places: positions (n, 3) of the body's ends relative to the last, part axes.
+    """
+    if part.dynamics is None:
+        return _zeros(0, 0), _zeros(0)
+    carry = np.eye(len(part.dynamics.mass))
+    if part.places is not None:
+        away = part.places - part.places[-1] - places
+        for k, way in enumerate(away):  # v + ω × r at the part's own ends
+            carry[6 * k : 6 * k + 3, 6 * k + 3 : 6 * k + 6] = -skew(way)
+    return carry.T @ part.dynamics.mass @ carry, np.array(part.dynamics.squares)
 
 
 def _ends(part: Any, places: Array) -> Array:

@@ -116,22 +116,7 @@ def respond(
         raise InputError(
             "pose: expected poses that the machine reaches with its drives within their ranges",
         )
-    nodes = [
-        BASE,
-        *(node for body in machine.bodies.values() for node in body.nodes),
-        TOOL,
-    ]
-    index = {name: k for k, name in enumerate(nodes)} | {GROUND: -1}
-    carriers = {
-        node: body.name for body in machine.bodies.values() for node in body.nodes
-    }
-    carriers |= {BASE: GROUND, GROUND: GROUND, TOOL: carriers[machine.tool]}
-    rotation = located.frames.rotation
-    position = located.frames.position
-    nominal = Frames(
-        {node: rotation[body] for node, body in carriers.items()},
-        {node: position[body] for node, body in carriers.items()},
-    )
+    nominal, index = place_nodes(machine, located)
     true, structure = _find_equilibrium(machine, located, nominal, index)
 
     def load(node: str, at: Array, wrench: Array) -> Array:
@@ -154,12 +139,35 @@ def respond(
     return Response(nominal, true, tuple(spots), twists, force, structure, solution)
 
 
+def place_nodes(machine: Machine, located: Located) -> tuple[Frames, dict[str, int]]:
+    """Return the frames of all nodes as commanded, and the numbers of nodes; the ground's is -1."""
+    nodes = [
+        BASE,
+        *(node for body in machine.bodies.values() for node in body.nodes),
+        TOOL,
+    ]
+    index = {name: k for k, name in enumerate(nodes)} | {GROUND: -1}
+    carriers = {
+        node: body.name for body in machine.bodies.values() for node in body.nodes
+    }
+    carriers |= {BASE: GROUND, GROUND: GROUND, TOOL: carriers[machine.tool]}
+    rotation = located.frames.rotation
+    position = located.frames.position
+    nominal = Frames(
+        {node: rotation[body] for node, body in carriers.items()},
+        {node: position[body] for node, body in carriers.items()},
+    )
+    return nominal, index
+
+
 def _find_equilibrium(
     machine: Machine, located: Located, nominal: Frames, index: dict[str, int]
 ) -> tuple[Frames, Structure]:
     """Return the frames of nodes in equilibrium with geometric errors, and the structure there."""
     frames = nominal
-    structure = Structure(len(index) - 1, _elements(machine, located, frames, index))
+    structure = Structure(
+        len(index) - 1, list_elements(machine, located, frames, index)
+    )
     if not _is_distorted(machine):
         return frames, structure
     points = {
@@ -179,7 +187,7 @@ def _find_equilibrium(
         ]
         frames = frames.move({name: step[..., 0] for name, step in steps.items()})
         structure = Structure(
-            len(index) - 1, _elements(machine, located, frames, index)
+            len(index) - 1, list_elements(machine, located, frames, index)
         )
         if max(float(step.max()) for step in moved) < _SETTLED:
             return frames, structure
@@ -203,12 +211,13 @@ def _is_distorted(machine: Machine) -> bool:
     )
 
 
-def _elements(
+def list_elements(
     machine: Machine,
     located: Located,
     frames: Frames,
     index: dict[str, int],
 ) -> list[Element]:
+    """Return what connects the nodes of a machine: base, joints, elastic bodies, tool, cable chain."""
     n = len(located.closed)
     everything = np.broadcast_to(np.eye(6), (n, 6, 6))
     world = np.eye(3)

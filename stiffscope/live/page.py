@@ -16,7 +16,7 @@ import numpy as np
 from PIL import Image
 
 from stiffscope.cad.materials import MATERIALS
-from stiffscope.errors import InputError, say_count
+from stiffscope.errors import InputError, expecting, require, say_count
 from stiffscope.experiments.assembly import (
     at_named_poses,
     deflection_bars,
@@ -203,22 +203,19 @@ def free_name(robot: RobotFile) -> str:
 def read_setting(robot: RobotFile, asked: Any) -> Setting:
     """Read a setting from a message of the page. Raise InputError if it is malformed."""
     sizes = {"pose": len(robot.tool.pose), "load": 6}
-    try:
+    choices = {choice.name: choice.values for choice in find_choices(robot)}
+    expected = "values, a pose and a load as numbers"
+    malformed = TypeError, KeyError, ValueError, AttributeError
+    with expecting("", expected, *malformed, got=str(asked)[:200]):
         values = dict(asked["values"])
-        choices = {each.name: each.values for each in find_choices(robot)}
         chosen = {n: v for n, v in values.items() if v in choices.get(n, ())}
         numbers = {n: float(v) for n, v in values.items() if n not in chosen}
         lists = {name: tuple(float(c) for c in asked[name]) for name in sizes}
-    except (TypeError, KeyError, ValueError, AttributeError) as error:
-        got = f"got {str(asked)[:200]}"
-        raise InputError(
-            f"expected values, a pose and a load as numbers, {got}"
-        ) from error
-    if not np.isfinite([*numbers.values(), *lists["pose"], *lists["load"]]).all():
-        raise InputError("expected finite numbers")
+    given = [*numbers.values(), *lists["pose"], *lists["load"]]
+    require(np.isfinite(given).all(), "", "finite numbers")
     for name, size in sizes.items():
-        if len(lists[name]) != size:
-            raise InputError(f"{name}: expected {size} numbers, got {len(lists[name])}")
+        count = len(lists[name])
+        require(count == size, name, f"{size} numbers", count)
     return Setting({**numbers, **chosen}, **lists)
 
 

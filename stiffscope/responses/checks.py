@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.ndimage import median_filter
 from scipy.signal import find_peaks
 
 if TYPE_CHECKING:
@@ -33,6 +34,10 @@ class CheckSettings:
         Of a resonance above its surroundings, factor; 6 dB.
     most_peaks
         Resonances listed.
+    filled
+        Level over the noise of a single hit to which dips are filled, before resonances are sought.
+    around
+        Lines over which noise is taken as the same.
     coherence
         Least coherence at a resonance: below, noise or leakage shapes the peak.
     silent
@@ -57,6 +62,8 @@ class CheckSettings:
 
     prominence: float = 2.0
     most_peaks: int = 12
+    filled: float = 2.0
+    around: int = 11
     coherence: float = 0.8
     silent: float = 0.5
     active: float = 0.05
@@ -94,8 +101,7 @@ def find_resonances(response: Response, settings: CheckSettings = SETTINGS) -> I
 
     A resonance is a maximum of the receptance's magnitude that is more than noise.
     """
-    size = np.abs(response.receptance)
-    levels = np.log(np.maximum(size, 1e-300))
+    levels = np.log(np.maximum(fill_noise(response, settings), 1e-300))
     height = np.log(settings.prominence)
     peaks, about = find_peaks(levels, prominence=height)
     prominences = about["prominences"]
@@ -105,6 +111,20 @@ def find_resonances(response: Response, settings: CheckSettings = SETTINGS) -> I
         prominences = prominences[heard]
     highest = np.argsort(-prominences)[: settings.most_peaks]
     return np.sort(peaks[highest]).astype(np.int64)
+
+
+def fill_noise(response: Response, settings: CheckSettings = SETTINGS) -> Array:
+    """Return the magnitudes (n,) of a response with all dips filled to the noise.
+
+    Coherence γ² tells that of a single hit, ``|H| √((1 - γ²)/(2 γ²))`` of real and imaginary part. Without
+    it, these are the magnitudes.
+    """
+    size = np.abs(response.receptance)
+    if response.coherence is None:
+        return size
+    heard = response.coherence.clip(1e-3, 1.0)
+    noise = settings.filled * size * np.sqrt((1.0 - heard) / (2.0 * heard))
+    return np.hypot(size, median_filter(noise, settings.around, mode="nearest"))
 
 
 def find_damping(

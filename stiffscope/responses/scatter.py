@@ -87,7 +87,9 @@ def _estimate(response: Response, averages: int, settings: ScatterSettings) -> A
     if beside is not None:
         known = size > 0.0
         told = told * float(np.median(beside[known] / size[known] / told[known]))
-    return size * np.clip(told, settings.least, settings.most)
+    # a line that noise happens to make small tells no less noise than its neighbours
+    level = np.maximum(size, median_filter(size, 5, mode="nearest"))
+    return level * np.clip(told, settings.least, settings.most)
 
 
 def _compare_neighbours(response: Response, settings: ScatterSettings) -> Array | None:

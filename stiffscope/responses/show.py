@@ -205,7 +205,7 @@ def draw_responses(
         columns,
         squeeze=False,
         sharex="col",
-        height_ratios=[2.4, 1.0, 0.6] * bands,
+        height_ratios=np.tile([2.4, 1.0, 0.6], bands).tolist(),
     )
     for k in range(columns * bands):
         block = panels[3 * (k // columns) : 3 * (k // columns) + 3, k % columns]

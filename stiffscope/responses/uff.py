@@ -271,8 +271,9 @@ def _binary_values(block: Block, data_type: int, spacing: int, count: int) -> Ar
     data = block.binary or b""
     order = "<" if block.little_endian else ">"
     precision = "f4" if data_type in {2, 5} else "f8"
-    ordinates = 2 if data_type > 4 else 1
-    forms = [[precision] * ordinates, ["f8"] * ordinates]
+    forms = [[precision], ["f8"]]
+    if data_type > 4:  # complex: real and imaginary part
+        forms = [[precision, precision], ["f8", "f8"]]
     if spacing == 0:
         forms = [["f4", *forms[0]], [precision, *forms[0]], ["f8", *forms[1]]]
     for form in forms:

@@ -8,7 +8,7 @@ import logging
 from concurrent.futures import Executor, Future
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.errors import InputError
+from stiffscope.errors import expecting
 from stiffscope.runtime.executor import GoneError, Processes, WorkerError, take_answer
 from stiffscope.runtime.processors import processors, use_processors
 from stiffscope.runtime.worker import answer
@@ -38,26 +38,22 @@ class Scheduler(Executor):
     width = 64
 
     def __init__(self, address: str) -> None:
-        try:
+        where = "--scheduler"
+        cure = "none; install it by: python -m pip install 'stiffscope[cluster]'"
+        with expecting(where, "the package distributed", ImportError, got=cure):
             from distributed import Client
-        except ImportError as error:
-            cure = "install it by: python -m pip install 'stiffscope[cluster]'"
-            expected = "expected the package distributed, got none"
-            raise InputError(f"--scheduler: {expected}; {cure}") from error
         for each in ("distributed", "distributed.client", "tornado.application"):
             logging.getLogger(each).setLevel(
                 logging.CRITICAL
             )  # a lost scheduler is reported
-        try:
+        # TypeError: distributed's own for "tls://" without certificates
+        tls = "certificates in Dask's configuration for tls://"
+        expected = "the address of a Dask scheduler that answers"
+        with (
+            expecting(where, tls, TypeError, got="none"),
+            expecting(where, expected, OSError, ValueError, got=address),
+        ):
             self._client = Client(address, timeout=CONNECT)
-        except (OSError, ValueError) as error:
-            expected = "expected the address of a Dask scheduler that answers"
-            raise InputError(f"--scheduler: {expected}, got {address}") from error
-        except (
-            TypeError
-        ) as error:  # distributed's own for "tls://" without certificates
-            expected = "expected certificates in Dask's configuration for tls://"
-            raise InputError(f"--scheduler: {expected}, got none") from error
         if not self._client.scheduler_info()["workers"]:
             log.warning(
                 "--scheduler: %s has no workers yet; waiting for one: dask worker %s",

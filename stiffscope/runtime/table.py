@@ -10,7 +10,7 @@ import re
 import zipfile
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from itertools import islice, pairwise
+from itertools import islice, pairwise, repeat
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -132,10 +132,15 @@ class Table:
             raise error
         self.faults.add(0, *error.lines)
 
+    @property
+    def empty_column(self) -> tuple[str, ...]:
+        """Return the cells of a column that the table does not have."""
+        return tuple(repeat("", len(self.lines)))
+
     def column(self, name: str) -> tuple[str, ...]:
         """Return the cells of a column; empty cells if the column is missing."""
         cells = self.columns.get(name)
-        return ("",) * len(self.lines) if cells is None else tuple(map(str, cells))
+        return self.empty_column if cells is None else tuple(map(str, cells))
 
     def refuse_where(
         self, wrong: Flags, column: str, expected: str, *, alone: bool = False
@@ -540,7 +545,7 @@ def numbers(
     expected
         Words for the message.
     """
-    cells = table.columns.get(column, ("",) * len(table.lines))
+    cells = table.columns.get(column, table.empty_column)
     if isinstance(cells, np.ndarray):
         return cells
     texts = (

@@ -1013,7 +1013,7 @@ def test_loops_far_open_at_the_zero_pose_are_closed(imported, tmp_path):
             "closed_loop: [['left_end', 'right_end']]\ntype: ['5d']",
             '"3d" or "6d" for each of 1',
         ),
-        ("loops: 3", "closed_loop: expected pairs of frames, got none"),
+        ("loops: 3", "closed_loop: expected pairs of frames, got nothing"),
         ("a: [", "expected YAML"),
         (
             "closed_loop: []\njoint_name: ['left_1']\njoint_type: ['HELIX']",

@@ -122,3 +122,20 @@ def test_poor_coherence_and_too_few_lines_at_a_resonance_are_doubts():
         response, frequency=HERTZ[few], receptance=response.receptance[few]
     )
     assert any("narrower than 3 lines" in doubt for doubt in find_doubts([coarse]))
+
+
+def test_noise_has_no_resonances():
+    """Lines of noise alone rise and fall by tens of dB; coherence tells that none of it is heard."""
+    rng = np.random.default_rng(8)
+    hertz = np.arange(5.0, 305.0, 0.5)
+    clean = 1.0 / (1.0 - (hertz / 150.0) ** 2 + 0.02j * hertz / 150.0)
+    noise = 0.6 * (150.0 / hertz) ** 4  # of an accelerometer, at low frequencies
+    parts = rng.standard_normal((2, 5, len(hertz))) * noise
+    hits = clean + parts[0] + 1j * parts[1]
+    mean = hits.mean(axis=0)
+    coherence = np.abs(mean) ** 2 / np.mean(np.abs(hits) ** 2, axis=0)
+    ends = Direction("1", 2), Direction("1", 2)
+    heard = Response(*ends, hertz, mean, coherence, "receptance", "tap")
+    assert hertz[find_resonances(heard)] == pytest.approx([150.0], abs=1.0)
+    deaf = Response(*ends, hertz, mean, None, "receptance", "tap")
+    assert len(find_resonances(deaf)) > 3

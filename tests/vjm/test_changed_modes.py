@@ -23,7 +23,10 @@ CASES = {
     "delta": ("leg1.motor", "leg2.arm", "platform"),
     "orthoglide": ("legx.motor", "legy.rod1", "platform"),
     "serial-arm": ("J2", "upper", "flange"),
+    "biglide": ("limb1.actuator", "limb2.slider", "platform"),
 }
+HALVED = {"biglide"}
+"""Links with half their mass at each end, whose rotations have none."""
 
 
 def respond(modes, node, at, square):
@@ -45,7 +48,7 @@ def agree(found, expected, tolerance=1e-8):
 def test_modes_of_changes_are_those_solved_anew(name, grown, rng):
     drive, other, body = CASES[name]
     robot = load_robot(name)
-    nominal = rough_mechanism(robot)
+    nominal = rough_mechanism(robot, "published" if name in HALVED else None)
     pose = list(robot.poses.values())[1]
     found = configure(nominal, [pose])
     sound = SoundModes(solve_all_modes(nominal, found))

@@ -291,8 +291,10 @@ def carriage_contacts(
     along = np.linspace(-0.5, 0.5, count) * length if count > 1 else np.zeros(1)
     turn = -1.0 if face_to_face else 1.0
     sides = [[x, s, t] for s in (-1, 1) for t in (-1, 1) for x in along]
-    at = np.array(sides) * [1.0, 0.5 * width, 0.5 * height]
-    normal = np.sign(at) * [0.0, -np.cos(angle), turn * np.sin(angle)]
+    place = np.array([1.0, 0.5 * width, 0.5 * height])
+    at = np.array(sides) * place
+    press = np.array([0.0, -np.cos(angle), turn * np.sin(angle)])
+    normal = np.sign(at) * press
     k = len(at)
     slide = np.broadcast_to(np.eye(3)[0], at.shape)
     reach = np.full(k, 1.0 - pressed)

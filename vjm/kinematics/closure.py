@@ -12,6 +12,7 @@ square, sparse and factored without pivoting in an order found at home, entries 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import repeat
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -251,7 +252,7 @@ class Closure:
             return DenseFactors.invert(
                 whole[:, :, self.columns], whole[:, :, self.linkage.known]
             )
-        wrenches: list[Array] = [np.zeros(0)] * len(self.rows)
+        wrenches: list[Array] = list(repeat(np.zeros(0), len(self.rows)))
         for cut, rows in zip(self.linkage.cuts, self.rows_of, strict=True):
             if rows:
                 found = self.linkage.wrenches(cut, [row for row, _ in rows], placed)

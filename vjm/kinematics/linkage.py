@@ -195,7 +195,7 @@ class Linkage:
         )
         ahead = sorted(paths[second] - paths[first])
         behind = sorted(paths[first] - paths[second])
-        signs = np.array([1.0] * len(ahead) + [-1.0] * len(behind))
+        signs = np.repeat([1.0, -1.0], [len(ahead), len(behind)])
         return Cut(joint, first, second, np.array(ahead + behind, dtype=int), signs)
 
     def _find_known(self) -> list[int]:

@@ -15,6 +15,7 @@ Theory 16 (1981) 171.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import repeat
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -290,7 +291,7 @@ def _redundancies(
             out.append(_redundancy(rates, group, fresh))
             known = np.hstack([known, fresh])
     rest = left @ null_space(known.T @ left)
-    blocks = find_blocks(rest, [6] * len(equations))
+    blocks = find_blocks(rest, list(repeat(6, len(equations))))
     return (*out, *(_redundancy(rates, group, rest[:, :n]) for group, n in blocks))
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import repeat
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -74,7 +75,7 @@ def _march(solver: Solver, ways: Array) -> tuple[Array, list[str]]:
     step = np.full(n, _LONGEST)
     beyond = np.full(n, np.inf)
     steady = np.zeros(n, dtype=int)
-    reasons = [""] * n
+    reasons = list(repeat("", n))
     while (going := np.flatnonzero((share < 1.0) & (step >= _SHORTEST))).size:
         ahead = np.minimum(share[going] + step[going], 1.0)
         trial = q[:, going]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError, require
+from stiffscope.errors import InputError, expecting, require
 from stiffscope.vjm.model.checks import (
     assign,
     axes_along,
@@ -278,12 +278,9 @@ def _clamp_first(stiffness: Array, places: Array, here: str) -> Array:
         f"a relative cost of {cost:.2g}",
     )
     unit = (stiffness / size)[6:, 6:]
-    try:
+    expected = "one that only rigid motions leave unloaded"
+    with expecting(here, expected, np.linalg.LinAlgError, got="another"):
         root = np.linalg.inv(np.linalg.cholesky(0.5 * (unit + unit.T)))
-    except np.linalg.LinAlgError:
-        raise InputError(
-            f"{here}: expected one that only rigid motions leave unloaded"
-        ) from None
     return (root.T @ root) / size[6:, 6:]
 
 

@@ -8,6 +8,7 @@ raises.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import repeat
 from typing import TYPE_CHECKING, Any, Literal, get_args
 
 import numpy as np
@@ -319,7 +320,7 @@ def analyse(
     matrix[stuck] = np.nan
     free[stuck] = 0
     inverse_condition[stuck] = 0.0
-    rigid: list[Array] = [np.zeros((0, 6))] * len(found)
+    rigid: list[Array] = list(repeat(np.zeros((0, 6)), len(found)))
     length = found.linkage.length
     own = own_compliance(mechanism, length)
     for k, wrenches in zip(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import warnings
+from itertools import repeat
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -114,7 +115,7 @@ def rigid_wrenches(
     largest = values[:, -1:].clip(min=1e-300)
     least = np.maximum(_RIGID * (own or largest), _ROUNDED * largest)
     counts = np.sum(values <= least, axis=1)
-    out = [np.zeros((0, 6))] * len(compliance)
+    out: list[Array] = list(repeat(np.zeros((0, 6)), len(compliance)))
     for count in set(counts.tolist()) - {0}:
         some = np.flatnonzero(counts == count)
         null = vectors[some][..., :count]

@@ -73,6 +73,7 @@ class SoundModes:
     _cuts: dict[str, Response] = field(default_factory=dict[str, Any])
     _moved: dict[str, Array] = field(default_factory=dict[str, Any])
     _twists: dict[Any, Array] = field(default_factory=dict[Any, Any])
+    _dislocated: dict[Any, Array] = field(default_factory=dict[Any, Any])
 
     @cached_property
     def free(self) -> NDArray[np.bool_]:
@@ -87,8 +88,8 @@ class SoundModes:
 
     @cached_property
     def moving(self) -> NDArray[np.intp]:
-        """Modes (m,) with mass."""
-        return np.flatnonzero(self.modal.mass > 0.0)
+        """Modes (m,) with mass that is more than rounding."""
+        return np.flatnonzero(_EMPTY * self.modal.squares < self.modal.shift)
 
     @cached_property
     def flexibility(self) -> Array:
@@ -152,17 +153,21 @@ class SoundModes:
 
     def dislocate(self, names: Sequence[str], node: str, at: Array) -> Array:
         """Return twists (6, k) of a node's home point under unit dislocations of elements."""
-        where = self.modal.system.where
-        carry = shift(where.point(node, np.asarray(at, dtype=float)) - where.tool)[0]
-        out = [np.zeros((6, 0))]
-        for name in names:
-            moved = carry @ self.cut(name).nodes[node][0]
+        out = [np.zeros((6, 0)), *(self._dislocate(name, node, at) for name in names)]
+        return np.hstack(out)
+
+    def _dislocate(self, name: str, node: str, at: Array) -> Array:
+        key = name, node, tuple(np.asarray(at, dtype=float).tolist())
+        if key not in self._dislocated:
+            where = self.modal.system.where
+            carry = shift(where.point(node, np.asarray(at, dtype=float)) - where.tool)
+            moved = carry[0] @ self.cut(name).nodes[node][0]
             if self.free.any():
                 lost = (1.0 - self.kept)[:, None] * self._share(name)
                 unit = np.sqrt(self.modal.mass[self.moving])
                 moved = moved - (self.displace(node, at)[:, self.moving] / unit) @ lost
-            out.append(moved)
-        return np.hstack(out)
+            self._dislocated[key] = moved
+        return self._dislocated[key]
 
     def rows(self, names: Sequence[str]) -> list[str]:
         """Return the network elements of some elements."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from itertools import repeat
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -341,14 +342,16 @@ class Campaign:
             raise self.refuse(key, f"expected {expected}, got {got}")
 
     def where(self, reading: int) -> str:
-        """Return the file and line of one reading; the file alone if it has none."""
+        """Return the file and line of one reading; the file alone if it has none, "plan" without both."""
+        if not self.files:
+            return "plan"
         file = self.files[int(self.file[reading])]
         line = int(self.line[reading])
         return file if line == NO_LINE else f"{file}:{line}"
 
     def find_pose_rows(self) -> tuple[str, ...]:
         """Return file and line of the first reading at each pose; "" at one without readings."""
-        rows = [""] * len(self.pose_names)
+        rows = list(repeat("", len(self.pose_names)))
         poses, first = np.unique(self.pose, return_index=True)
         for pose, reading in zip(poses.tolist(), first.tolist(), strict=True):
             rows[pose] = self.where(reading)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import repeat
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -83,7 +84,7 @@ class Keys:
     def identities(self, *, sessions: bool) -> list[tuple[Any, ...]]:
         """Return keys that identify the rows, with or without their sessions."""
         wrench = [tuple(w) for w in np.nan_to_num(np.round(self.wrench, 9)).tolist()]
-        labels = self.sessions if sessions else ("",) * len(wrench)
+        labels = self.sessions if sessions else repeat("", len(wrench))
         codes = (self.quantity.tolist(), self.sensor.tolist(), self.load.tolist())
         return list(zip(self.place, wrench, *codes, labels, strict=True))
 

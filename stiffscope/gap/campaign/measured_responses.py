@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, naming
 from stiffscope.responses.checks import find_damping, find_doubts
 from stiffscope.responses.files import read_responses
 from stiffscope.responses.model import Response
@@ -134,10 +135,12 @@ def _load_setup(
         message = f"{message} ({shown_path(setup.file)})"
         raise campaign.refuse((*key, "file"), message) from error
     read = read_responses(path, setup.channels, setup.quantity, setup.factor)
-    if not read.responses:
-        raise campaign.refuse(
-            (*key, "file"), f"expected frequency responses, got none in {setup.file}"
-        )
+    campaign.require(
+        read.responses,
+        (*key, "file"),
+        "frequency responses",
+        f"none in {setup.file}",
+    )
     _check_points(campaign, setup, read, robot)
     axes = rotation_of(np.array(setup.axes))
     places = dict[str, "Array"]()
@@ -193,13 +196,11 @@ def _check_points(
         raise campaign.refuse(key, f"{expected}, {missing[0]} is missing")
     nodes = [node for node in robot.nodes() if node != GROUND]
     for point in setup.points:
-        if point.name not in used:
-            expected = f"expected a point of {setup.file} ({listed})"
-            raise campaign.refuse((*key, point.name), f"{expected}, got {point.name}")
-        if point.body not in nodes:
-            expected = f"expected a body or an end of one ({', '.join(nodes)})"
-            got = show_value(point.body)
-            raise campaign.refuse((*key, point.name, "body"), f"{expected}, got {got}")
+        expected = f"a point of {setup.file} ({listed})"
+        campaign.require(point.name in used, (*key, point.name), expected, point.name)
+        expected = f"a body or an end of one ({', '.join(nodes)})"
+        where = (*key, point.name, "body")
+        campaign.require(point.body in nodes, where, expected, show_value(point.body))
 
 
 def _select_lines(
@@ -251,22 +252,19 @@ def _read_pose(
 ) -> tuple[float, ...]:
     key = ("responses", setup.name, "pose")
     if isinstance(setup.pose, str):
-        if setup.pose in robot.known_poses:
-            return robot.known_poses[setup.pose]
-        known = f"one of {robot.name}'s poses {', '.join(robot.known_poses)}"
-        raise campaign.refuse(key, f"expected {known}, got {show_value(setup.pose)}")
+        expected = f"one of {robot.name}'s poses {', '.join(robot.known_poses)}"
+        known = setup.pose in robot.known_poses
+        campaign.require(known, key, expected, show_value(setup.pose))
+        return robot.known_poses[setup.pose]
     given = setup.pose or ()
     names = robot.tool.pose
-    if len(given) != len(names):
-        got = f"got {len(given)} values"
-        raise campaign.refuse(key, f"expected [{', '.join(names)}], {got}")
-    try:
+    expected = f"[{', '.join(names)}]"
+    campaign.require(len(given) == len(names), key, expected, f"{len(given)} values")
+    with naming(partial(campaign.refuse, key)):
         return tuple(
             to_si(value, robot.dimension_of(name), sign="any")
             for value, name in zip(given, names, strict=True)
         )
-    except ValueError as error:
-        raise campaign.refuse(key, str(error)) from None
 
 
 def _read_joints(
@@ -277,11 +275,7 @@ def _read_joints(
     displacements = dict.fromkeys(drives, 0.0)
     for name, value in setup.joints.items():
         key = ("responses", setup.name, "joints", name)
-        if name not in drives:
-            known = ", ".join(drives)
-            raise campaign.refuse(key, f"expected drives among {known}")
-        try:
+        campaign.require(name in drives, key, f"drives among {', '.join(drives)}", name)
+        with naming(partial(campaign.refuse, key)):
             displacements[name] = to_si(value, robot.dimension_of(name), sign="any")
-        except ValueError as error:
-            raise campaign.refuse(key, str(error)) from None
     return list(displacements.values())

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.errors import InputError, require, say_count
+from stiffscope.errors import InputError, expecting, require, say_count
 from stiffscope.gap.campaign import keys as of_rows
 from stiffscope.gap.campaign import quantities as of
 from stiffscope.gap.campaign.campaign import Campaign
@@ -397,11 +397,10 @@ def _order_columns(campaign: Campaign, robot: RobotFile) -> Campaign:
     for name in [name for name in wanted if name in campaign.units]:
         unit = campaign.units[name]
         dimension = robot.dimension_of(name)
-        try:
+        refuse = partial(campaign.refuse, ("units", name))
+        expected = f"a unit of {dimension.noun}"
+        with expecting(refuse, expected, ValueError, got=show_value(unit)):
             to_si(f"1 {unit}", dimension)
-        except ValueError:
-            what = f"expected a unit of {dimension.noun}, got {show_value(unit)}"
-            raise campaign.refuse(("units", name), what) from None
     order = [given.index(name) for name in wanted]
     return replace(campaign, poses=campaign.poses[:, order], coordinates=wanted)
 

@@ -16,7 +16,7 @@ import numpy as np
 from stiffscope.gap.campaign.campaign import NO_LINE
 from stiffscope.gap.campaign.kinds import CODE_ALONG, number_of
 from stiffscope.gap.campaign.kinds.responses import RESPONSE
-from stiffscope.responses.checks import find_resonances
+from stiffscope.responses.checks import fill_noise, find_resonances
 from stiffscope.responses.scatter import find_scatter
 
 if TYPE_CHECKING:
@@ -223,7 +223,7 @@ def _find_means(
 
 def find_peaks(responses: Sequence[Response]) -> Indices:
     """Return the lines with a resonance in the rms level of all responses."""
-    sizes = [np.abs(response.receptance) for response in responses]
+    sizes = [fill_noise(response) for response in responses]
     levels = [size / np.median(size[size > 0.0]) for size in sizes if size.any()]
     if not levels:
         return np.zeros(0, dtype=np.int64)

@@ -22,7 +22,7 @@ def write_campaign(
     *,
     comment: str = "",
 ) -> None:
-    """Write a campaign as campaign.toml and readings.csv.
+    """Write a campaign as campaign.toml and, if it has readings, readings.csv.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def write_campaign(
     header
         Keys of campaign.toml except `readings`; sections are mappings of mappings.
     columns
-        Cells of each column of the readings, all of equal length.
+        Cells of each column of the readings, all of equal length; none without readings.
     comment
         Text above the header (default: none).
     """
@@ -41,8 +41,12 @@ def write_campaign(
     for key, value in header.items():
         if value or not isinstance(value, Mapping):
             parts[isinstance(value, Mapping)][key] = value
-    text = tomlkit.dumps({**parts[0], "readings": "readings.csv", **parts[1]})
+    if columns:
+        parts[0]["readings"] = "readings.csv"
+    text = tomlkit.dumps({**parts[0], **parts[1]})
     (folder / "campaign.toml").write_text(lines + text, encoding="utf-8", newline="")
+    if not columns:
+        return
     out = io.StringIO(newline="")
     writer = csv.writer(out, lineterminator="\n")
     writer.writerow(columns)

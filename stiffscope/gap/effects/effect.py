@@ -8,6 +8,7 @@ function of the internal ones, is used to build the robot, to predict readings a
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -352,7 +353,7 @@ _FACTS = ("weighs", "merges", "assumed", "imitates", "joins_noise", "gives_way")
 """Facts of an effect that all its candidates share."""
 
 
-class Effect:
+class Effect(ABC):
     """Base class of effects; an instance acts at one place."""
 
     word: ClassVar[str]
@@ -391,9 +392,9 @@ class Effect:
         """Yield the effect at every possible place, sets before single elements."""
         raise NotImplementedError
 
+    @abstractmethod
     def influence(self, values: Array) -> Influence:
         """Return the changes for internal parameters (k,)."""
-        raise NotImplementedError
 
     @classmethod
     def refusal(cls, robot: NominalRobot, place: str) -> str:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import partial
+from itertools import repeat
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -78,9 +79,13 @@ def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
     if not channels:
         return
     drift = Pattern(lambda p: _time(p)[:, None] * apart(p))
-    yield _make_unnamed("a drift of the readings in time", (5e-6,) * channels, drift)
     yield _make_unnamed(
-        "a gain of its own in every direction", (0.05,) * channels, Gain(apart)
+        "a drift of the readings in time", tuple(repeat(5e-6, channels)), drift
+    )
+    yield _make_unnamed(
+        "a gain of its own in every direction",
+        tuple(repeat(0.05, channels)),
+        Gain(apart),
     )
     if sessions > 1 and sessions <= _MOST_SESSIONS:
         last = Gain(
@@ -88,14 +93,14 @@ def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
         )
         yield _make_unnamed("a gain of its own in a session", (0.05,), last)
         loops = "hysteresis between sessions of loading and unloading"
-        yield _make_unnamed(loops, (0.05,) * sessions, Pattern(_hysteresis))
+        yield _make_unnamed(loops, tuple(repeat(0.05, sessions)), Pattern(_hysteresis))
     yield _make_unnamed(
         "a wrench that acts beside its point", (0.01,) * 3, Pattern(_off_centre)
     )
     if drives:
         pitch = Pattern(partial(_pitch, at.configurations.drives.mean(axis=0)))
         yield _make_unnamed(
-            "errors that grow along the rail", (1e-3,) * len(drives), pitch
+            "errors that grow along the rail", tuple(repeat(1e-3, len(drives))), pitch
         )
     if at.used_loads[:6].all():
         springs = "a stiffness towards the frame, growing with the distance"
@@ -103,7 +108,9 @@ def _readings(at: RobotAtPoses) -> Iterator[Candidate]:
         tether = _make_unnamed(springs, (0.01,) * 6, Pattern(partial(_tether, middle)))
         yield replace(tether, spell=partial(_spell, springs, away))
     yield _make_unnamed(
-        "a zero of its own in every direction", (1e-5,) * channels, Pattern(apart)
+        "a zero of its own in every direction",
+        tuple(repeat(1e-5, channels)),
+        Pattern(apart),
     )
 
 
@@ -217,9 +224,9 @@ def _make_unnamed(
         effect=UNNAMED,
         place=place,
         names=names,
-        units=("",) * count,
+        units=tuple(repeat("", count)),
         scale=scale,
-        plausible=(FREE,) * count,
+        plausible=tuple(repeat(FREE, count)),
         pattern=kind or place,
         imitates=True,
         action=action,

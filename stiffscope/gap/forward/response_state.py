@@ -67,8 +67,8 @@ class NuisanceSettings:
         Largest change of that logarithm in one.
     settled
         Change at which the fit ends.
-    gained
-        Decrease of χ² at which it ends.
+    gained, share
+        Change of χ² at which it ends, and more of what is beyond the noise.
     least, most
         Range of damping ratios.
     beside
@@ -91,6 +91,7 @@ class NuisanceSettings:
     step: float = 1.0
     settled: float = 0.01
     gained: float = 0.1
+    share: float = 0.01
     least: float = 1e-5
     most: float = 0.3
     beside: float = 1.15
@@ -105,50 +106,92 @@ SETTINGS = NuisanceSettings()
 class _Nuisance:
     """What damping and the channels can follow, over the noise, in prior standard deviations.
 
+    Damping is seen in all responses, a turned direction in few: each response has columns of its
+    own, of some of all q nuisances.
+
     Attributes
     ----------
     gain
         Lines (r, m) times the prior of their gain, and of their phase, which is the same.
     columns
-        Derivatives (n, q) by all others, as gains leave them.
-    squares, vectors
-        Eigenvalues (q,) and vectors (q, q) of their gram.
+        Derivatives (r, 2m, l) by l others, as gains leave them.
+    index
+        Which of all nuisances (r, l) these are.
+    count
+        Number q of nuisances.
     """
 
     gain: Complex
     columns: Array
-    squares: Array
-    vectors: Array
+    index: Indices
+    count: int
 
     @classmethod
-    def find(cls, gain: Complex, columns: Complex) -> _Nuisance:
-        """Return the nuisances of gains (r, m) and other derivatives (r, m, q)."""
-        left = stack_parts(_leave_gain(gain, columns))
-        squares, vectors = np.linalg.eigh(left.T @ left)
-        return cls(gain, left, squares.clip(min=0.0), vectors)
+    def find(
+        cls, gain: Complex, columns: Complex, index: Indices, count: int
+    ) -> _Nuisance:
+        """Return the nuisances of gains (r, m) and other derivatives (r, m, l)."""
+        left = _split_parts(_leave_gain(gain, columns))
+        return cls(gain, left, index, count)
 
-    def solve(self, change: Complex, at: Array) -> Array:
-        """Return the step (q,) of the nuisances besides gains that fits a change (r, m) best.
+    @cached_property
+    def gram(self) -> Array:
+        """Inner products (q, q)."""
+        own = self.columns.mT @ self.columns
+        at = self.index[:, :, None] * self.count + self.index[:, None]
+        whole = np.zeros(self.count**2)
+        np.add.at(whole, at.ravel(), own.ravel())
+        return whole.reshape(self.count, self.count)
+
+    @cached_property
+    def _spectrum(self) -> tuple[Array, Array]:
+        """Eigenvalues (q,) and vectors (q, q) of the gram."""
+        squares, vectors = np.linalg.eigh(self.gram)
+        return squares.clip(min=0.0), vectors
+
+    def _project(self, left: Array) -> Array:
+        """Return inner products (q, k) with parts (r, 2m, k)."""
+        own = self.columns.mT @ left
+        out = np.zeros((self.count, own.shape[2]))
+        np.add.at(out, self.index, own)
+        return out
+
+    def fit(self, change: Complex, at: Array) -> tuple[Array, float]:
+        """Return the step (q,) of the nuisances that fits a change (r, m) best, and its χ².
 
         at: nuisances (q,) about which the columns are, in prior sizes.
         """
-        left = stack_parts(_leave_gain(self.gain, change))
-        inner = self.vectors.T @ (self.columns.T @ left - at)
-        return self.vectors @ (inner / (self.squares + 1.0))
+        left = _split_parts(_leave_gain(self.gain, change)[..., None])
+        own = self._project(left)[:, 0]
+        step = np.linalg.solve(self.gram + np.eye(self.count), own - at)
+        # χ² is that of the residual and of the prior after this step
+        square = float(np.sum(left**2) + at @ at - (own - at) @ step)
+        return step, square
 
     def leave(self, change: Complex) -> Array:
         """Return what is left (n, ...) of changes (r, m, ...)."""
-        return self._leave(stack_parts(_leave_gain(self.gain, change)))
+        flat = change.reshape(*self.gain.shape, -1)
+        left = self._leave(_split_parts(_leave_gain(self.gain, flat)))
+        return left.reshape(len(left), *change.shape[2:])
 
     def leave_residual(self, change: Complex, at: Array) -> Array:
         """Return what is left (n,) of a residual (r, m) at nuisances (q,) other than usual."""
-        left = stack_parts(_leave_gain(self.gain, change))
-        return self._leave(left + self.columns @ at)
+        left = _split_parts(_leave_gain(self.gain, change)[..., None])
+        return self._leave(left + self.columns @ at[self.index][..., None])[:, 0]
 
     def _leave(self, left: Array) -> Array:
-        inner = self.vectors.T @ (self.columns.T @ left)
-        part = _take_share(self.squares).reshape(-1, *(1,) * (left.ndim - 1))
-        return left - self.columns @ (self.vectors @ (part * inner))
+        """Return readings (n, k) of what is left of parts (r, 2m, k)."""
+        squares, vectors = self._spectrum
+        part = _take_share(squares)[:, None]
+        follow = vectors @ (part * (vectors.T @ self._project(left)))
+        rest = left - self.columns @ follow[self.index]
+        count = len(left), 2, left.shape[1] // 2, left.shape[2]
+        return np.moveaxis(rest.reshape(count), 1, 0).reshape(-1, left.shape[2])
+
+
+def _split_parts(values: Complex) -> Array:
+    """Return real, then imaginary parts (r, 2m, k) of complex values (r, m, k)."""
+    return np.concatenate([values.real, values.imag], axis=1)
 
 
 def _take_share(squares: Array) -> Array:
@@ -267,14 +310,11 @@ class _Damping:
 
     def couple(self, cluster: Indices, critical: Array) -> Array:
         """Return the damping matrix (n, n) between the modes of a cluster, without its diagonal."""
-        out = np.zeros((len(cluster), len(cluster)))
-        sizes = self.coupling * self.scale_pairs(critical)
-        for (i, j), size in zip(self.pairs, sizes, strict=True):
-            if i in cluster and j in cluster:
-                a, b = np.searchsorted(cluster, (i, j))
-                out[a, b] = size
-                out[b, a] = size
-        return out
+        first, second = self.pairs.T
+        out = np.zeros((len(self.ratios), len(self.ratios)))
+        out[first, second] = self.coupling * self.scale_pairs(critical)
+        out = out + out.T
+        return out[np.ix_(cluster, cluster)]
 
 
 @dataclass(frozen=True, eq=False)
@@ -291,8 +331,10 @@ class _FittedDamping:
         Residual (r, m) over the noise.
     distance
         Nuisances (q,) from the usual ones, in prior sizes.
-    rest
-        What they leave (n,) of the residual.
+    step
+        Their step (q,) that fits the residual best.
+    square
+        χ² with the nuisances marginalized.
     """
 
     damping: _Damping
@@ -301,12 +343,13 @@ class _FittedDamping:
     nuisance: _Nuisance
     left: Complex
     distance: Array
-    rest: Array
+    step: Array
+    square: float
 
-    @property
-    def square(self) -> float:
-        """χ² with the nuisances marginalized."""
-        return float(self.rest @ self.rest)
+    @cached_property
+    def rest(self) -> Array:
+        """What the nuisances leave (n,) of the residual."""
+        return self.nuisance.leave_residual(self.left, self.distance)
 
 
 def spread_inertia(payload: Payload | MassRate, where: Places) -> Array:
@@ -547,18 +590,18 @@ class ResponseState:
         if self.block.mean is not None or not len(best.damping.fitted):
             return best  # local means hardly show damping
         share = 1.0
+        noise = 2.0 * best.left.size
         for _ in range(limits.rounds):
-            step = share * best.nuisance.solve(best.left, best.distance)
-            damping, moved = best.damping.move(step, limits)
+            damping, moved = best.damping.move(share * best.step, limits)
             now = self._fit_at(damping)
-            if now.square > best.square:
-                share *= 0.5
-                continue
             gained = best.square - now.square
-            best = now
-            share = 1.0
-            if moved < limits.settled or gained < limits.gained:
+            # far from the lines, a model is none, whatever its damping
+            enough = limits.gained + limits.share * max(best.square - noise, 0.0)
+            if gained > 0.0:
+                best = now
+            if moved < limits.settled or abs(gained) < enough:
                 break
+            share = min(2.0 * share, 1.0) if gained > 0.0 else 0.5 * share
         return best
 
     def _fit_at(self, damping: _Damping) -> _FittedDamping:
@@ -568,10 +611,10 @@ class ResponseState:
         lines = self._pick_lines(received)
         nuisance = self._find_nuisance(damping, amplitudes, received)
         left = (self.block.value - self.block.read(lines)) * self.block.weight
-        distance = damping.find_distance(len(nuisance.squares), self.settings)
-        rest = nuisance.leave_residual(left, distance)
+        distance = damping.find_distance(nuisance.count, self.settings)
+        step, square = nuisance.fit(left, distance)
         return _FittedDamping(
-            damping, amplitudes, lines, nuisance, left, distance, rest
+            damping, amplitudes, lines, nuisance, left, distance, step, square
         )
 
     @property
@@ -654,10 +697,10 @@ class ResponseState:
         limits = self.settings
         d = damping.fitted
         lines = self._pick_lines(received)
-        rows = np.arange(len(lines))
         weight = self.block.weight[..., None]
         window = self.window[..., None]
-        slopes = np.empty((*lines.shape, len(d) + len(damping.pairs)), dtype=complex)
+        count = len(d) + len(damping.pairs)
+        slopes = np.empty((*lines.shape, count), dtype=complex)
         size = limits.damping * damping.ratios * self._loss
         for k, i in enumerate(d):
             heard = amplitudes[i]
@@ -668,18 +711,18 @@ class ResponseState:
             other = amplitudes[j]
             both = one[force] * other[motion] + other[force] * one[motion]
             slopes[..., k] = -(sizes[k - len(d)] * self.s) * both
-        columns = [self.block.read(slopes * window) * weight]
+        columns = [slopes * window]
+        index = [np.tile(np.arange(count), (len(lines), 1))]
         p = len(self.ends)
         for side, other in ((force, motion), (motion, force)):
             known, which = np.unique(side, return_inverse=True)
             crossed = [received[(k + 1) * p + side, other] for k in (0, 1)]
-            crossed = np.stack(crossed, axis=2) * window
-            seen = self.block.read(crossed) * weight
-            apart = np.zeros((*seen.shape, len(known)), dtype=complex)
-            apart[rows, ..., which] = limits.turn * seen
-            columns.append(apart.reshape(*seen.shape[:2], -1))
+            columns.append(limits.turn * np.stack(crossed, axis=2) * window)
+            index.append(count + 2 * which[:, None] + np.arange(2))
+            count += 2 * len(known)
+        whole = self.block.read(np.concatenate(columns, axis=2)) * weight
         gain = limits.gain * self.block.read(lines) * self.block.weight
-        return _Nuisance.find(gain, np.concatenate(columns, axis=2))
+        return _Nuisance.find(gain, whole, np.concatenate(index, axis=1), count)
 
     def share(self, change: Complex) -> Array:
         """Return weighted changes (r, m, ...) as readings (n, ...), without what nuisances follow.

@@ -270,9 +270,8 @@ class Diagnosis:
             "high",
             "unit",
         )
-        by_column = zip(*rows, strict=True) if rows else ((),) * len(columns)
-        listed = (list(each) for each in by_column)
-        return to_dataframe(dict(zip(columns, listed, strict=True)))
+        table = {column: [row[k] for row in rows] for k, column in enumerate(columns)}
+        return to_dataframe(table)
 
 
 def to_json(diagnosis: Diagnosis) -> dict[str, Any]:

@@ -11,7 +11,12 @@ import numpy as np
 
 from stiffscope.gap.campaign.copies import find_copies
 from stiffscope.gap.inference.fitting import Problem
-from stiffscope.gap.inference.hypothesis import forms_of, join_values
+from stiffscope.gap.inference.hypothesis import (
+    bound_parameters,
+    forms_of,
+    join_values,
+    split,
+)
 from stiffscope.gap.inference.plausibility import implausible
 from stiffscope.gap.inference.residuals import percent_rms
 from stiffscope.gap.inference.search import ROUGH, Effort, Search
@@ -21,7 +26,12 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
     from stiffscope.gap.campaign.campaign import Campaign
-    from stiffscope.gap.forward.forward_model import Candidate, ForwardModel, Noise
+    from stiffscope.gap.forward.forward_model import (
+        Candidate,
+        ForwardModel,
+        Noise,
+        Parameters,
+    )
     from stiffscope.gap.inference.hypothesis import Hypothesis
     from stiffscope.runtime.types import Array, Flags, Progress
 
@@ -382,6 +392,19 @@ class Findings:
                 change = self._change_without(hypothesis, here)
                 out[here] -= self.slopes(hypothesis)[here] @ change
         return out
+
+    def find_parameters_without(
+        self, hypothesis: Hypothesis, pose: int
+    ) -> Parameters | None:
+        """Return the parameters without the readings of a pose, by one linear step; None if nothing is left."""
+        here = self.used_readings & (self.campaign.pose == pose)
+        if not (self.used_readings & ~here).any():
+            return None
+        values = hypothesis.values
+        if here.any():
+            values = values + self._change_without(hypothesis, here)
+        candidates = hypothesis.candidates
+        return split(candidates, bound_parameters(candidates, values))
 
     def percent_rms_by_pose(self, residual: Array) -> float:
         """Return % rms of residuals (n,) over sigma, averaged over poses with non-zero readings."""

@@ -24,22 +24,29 @@ def name_lines(index: int) -> str:
 
 def draw_lines(name: str, setup: SetupModes) -> Figure | None:
     """Draw all responses of a set-up: levels, and below them residuals over the noise."""
+    from matplotlib.lines import Line2D
+
     lines = setup.lines
     if not lines:
         return None
     columns = min(COLUMNS, len(lines))
     bands = -(-len(lines) // columns)
-    title = (
-        f"{name}, m/N: measured (grey), nominal (dashed), with the effects found; "
-        "below, their distance from the measured in standard deviations"
+    figure = new_figure(3.1 * columns, 2.7 * bands + 0.8, f"{name}: responses, m/N")
+    key = {
+        "measured": {"color": NOISE, "lw": 1.6},
+        "nominal model": {"color": BEFORE, "ls": "--", "lw": _LINE},
+        "with the effects found": {"color": AFTER, "lw": _LINE},
+    }
+    shown = [Line2D([], [], label=label, **style) for label, style in key.items()]
+    figure.legend(
+        handles=shown, loc="outside upper right", ncols=3, frameon=False, fontsize=8
     )
-    figure = new_figure(3.1 * columns, 2.7 * bands + 0.5, title)
     panels = figure.subplots(
         2 * bands,
         columns,
         squeeze=False,
-        sharex=True,
-        height_ratios=[2.2, 1.0] * bands,
+        sharex="col",
+        height_ratios=np.tile([2.2, 1.0], bands).tolist(),
     )
     for k in range(columns * bands):
         pair = panels[2 * (k // columns) : 2 * (k // columns) + 2, k % columns]
@@ -69,6 +76,8 @@ def _draw_one(panels: Any, line: ResponseLines) -> None:
     lower.axhline(1.0, color=NOISE, lw=0.8)
     lower.tick_params(labelsize=7)
     lower.set_xlabel("Hz", fontsize=7)
+    lower.set_ylabel("off, σ", fontsize=7)
+    lower.tick_params(labelbottom=True)
     for axes in panels:
         axes.grid(which="major", color="#e3e7eb", lw=0.6)
         axes.spines[["top", "right"]].set_visible(False)

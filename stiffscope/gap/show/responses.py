@@ -19,6 +19,7 @@ from stiffscope.responses.checks import (
     find_resonances,
     find_static_stiffness,
 )
+from stiffscope.responses.scatter import find_scatter
 from stiffscope.responses.show import direction_json, draw_responses
 from stiffscope.vjm.model.mechanism import COORDINATES
 
@@ -56,7 +57,7 @@ def responses_json(compared: ComparedResponses) -> dict[str, Any]:
                 "lines": len(response.frequency),
                 "coherence": None if coherence is None else float(np.median(coherence)),
                 "resonances": response.frequency[find_resonances(response)].tolist(),
-                "gap": _find_gap(response, predicted),
+                "gap": _find_gap(response, predicted, setup.averages),
                 "static_stiffness": None if static is None else static.stiffness,
             }
         )
@@ -83,12 +84,18 @@ def responses_json(compared: ComparedResponses) -> dict[str, Any]:
     }
 
 
-def _find_gap(response: Response, predicted: NDArray[np.complex128]) -> float | None:
-    """Return the rms difference of the levels, dB, over the lines that are not noise."""
+def _find_gap(
+    response: Response, predicted: NDArray[np.complex128], averages: int
+) -> float | None:
+    """Return the rms difference of the levels, dB, over the lines that are not noise.
+
+    A predicted level is at least that of the noise, as at nodes of modes, where it is zero.
+    """
     heard = find_heard_lines(response, predicted)
     if not heard.any():
         return None
-    levels = 20.0 * np.log10(np.abs(response.receptance[heard] / predicted[heard]))
+    least = np.maximum(np.abs(predicted), find_scatter(response, averages))
+    levels = 20.0 * np.log10(np.abs(response.receptance[heard]) / least[heard])
     return float(np.sqrt(np.mean(levels**2)))
 
 

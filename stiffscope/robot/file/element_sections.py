@@ -5,6 +5,7 @@ Each kind is defined by its rolling elements, or by the stiffnesses in its data 
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Union, get_args
 
 import numpy as np
@@ -53,9 +54,9 @@ class ElementSection(Section):
     kind: Any
     offset: v.Coordinate = 0.0
 
+    @abstractmethod
     def element(self) -> me.MachineElement:
         """Return the element, with stiffness at its load; raise InputError "KEY: expected ..."."""
-        raise NotImplementedError
 
     def turn(self, axes: np.ndarray) -> np.ndarray:
         """Return the rotation (3, 3) about x from own to joint axes; ``axes`` (3, 3) in base axes."""

@@ -14,7 +14,7 @@ import unicodedata
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.errors import require, say_count, suggest
+from stiffscope.errors import expecting, require, say_count, suggest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterator, Mapping
@@ -110,11 +110,10 @@ def parse(text: str) -> Expression:
         len(body),
     )
     shown = f'"= {_cut(body)}"'
-    try:
+    what = 'an expression without units such as "= 0.18 + a*cos(th)"'
+    unread = SyntaxError, RecursionError, MemoryError, ValueError
+    with expecting("", what, *unread, got=shown):
         tree = ast.parse(body, mode="eval").body
-    except (SyntaxError, RecursionError, MemoryError, ValueError) as error:
-        what = 'an expression without units such as "= 0.18 + a*cos(th)"'
-        raise ValueError(f"expected {what}, got {shown}") from error
     most = f"an expression of at most {MOST_LEVELS} levels"
     require(_levels(tree) <= MOST_LEVELS, "", most, shown)
     return Expression(body, tree, tuple(dict.fromkeys(_names(tree, body))))
@@ -157,12 +156,9 @@ def _names(node: ast.expr, text: str) -> Iterator[str]:
 
 def _evaluate(node: ast.expr, text: str, values: Mapping[str, float]) -> float:
     if isinstance(node, ast.Constant):
-        try:
+        what = "numbers up to 1e308"
+        with expecting("", what, OverflowError, got="a larger one"):
             return float(node.value)  # type: ignore[arg-type]
-        except OverflowError as error:
-            raise ValueError(
-                "expected numbers up to 1e308, got a larger one"
-            ) from error
     if isinstance(node, ast.Name | ast.Attribute):
         name = _join_dotted(node, text)
         return CONSTANTS[name] if name in CONSTANTS else values[name]

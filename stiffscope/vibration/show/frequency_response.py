@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import repeat
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -96,7 +97,7 @@ def chart_responses(response: Response) -> Chart:
         zip(response.names, response.values, strict=True)
     ):
         columns = {
-            "pose": [name] * len(values),
+            "pose": list(repeat(name, len(values))),
             "frequency, Hz": response.hertz,
             f"magnitude, dB re 1 {unit}": 20.0
             * np.log10(np.maximum(np.abs(values), 1e-300)),
