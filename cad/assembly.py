@@ -185,10 +185,10 @@ def place_solids(
     products = []
     instances = []
     for number, (solid, each) in enumerate(zip(solids, told["products"], strict=True)):
-        found = cad.kernel.volume_properties(solid)
-        centre = 1e-3 * cad.kernel.xyz(found.CentreOfMass())
-        inertia = 1e-15 * cad.kernel.inertia(found)
-        volume = 1e-9 * found.Mass()
+        properties = cad.kernel.volume_properties(solid)
+        centre = 1e-3 * cad.kernel.xyz(properties.CentreOfMass())
+        inertia = 1e-15 * cad.kernel.inertia(properties)
+        volume = 1e-9 * properties.Mass()
         products.append(
             Product(
                 number=number,
@@ -199,7 +199,7 @@ def place_solids(
                 inertia=inertia,
             )
         )
-    names = _name_distinct([each["path"] for each in told["instances"]])
+    names = _name_distinct([instance["path"] for instance in told["instances"]])
     for name, each in zip(names, told["instances"], strict=True):
         place = np.array(each["place"])
         product = products[each["product"]]
@@ -215,8 +215,8 @@ def _share_products(instances: Sequence[Instance]) -> tuple[Instance, ...]:
     first = dict[tuple[str, int, int], list[Product]]()
     taken = dict[int, Product]()
     shared = list[Instance]()
-    for each in instances:
-        own = each.product
+    for instance in instances:
+        own = instance.product
         if own.number not in taken:
             size = round(
                 3e3 * np.log(own.volume)
@@ -227,8 +227,8 @@ def _share_products(instances: Sequence[Instance]) -> tuple[Instance, ...]:
             if same is own:
                 alike.append(own)
         product = taken[own.number]
-        origin = each.origin + each.rotation @ (own.centre - product.centre)
-        shared.append(replace(each, product=product, origin=origin))
+        origin = instance.origin + instance.rotation @ (own.centre - product.centre)
+        shared.append(replace(instance, product=product, origin=origin))
     return tuple(shared)
 
 
@@ -280,7 +280,7 @@ def _check_references(path: Path, content: bytes) -> None:
     try:
         TopologicalSorter(holds).prepare()
     except CycleError as error:
-        chain = " in ".join(f"#{each.decode()}" for each in error.args[1])
+        chain = " in ".join(f"#{arg.decode()}" for arg in error.args[1])
         what = f"expected a tree of products, got one within itself ({chain})"
         raise InputError(f"{path}: {what}") from error
     for match in _EXTERNAL.finditer(content):
@@ -295,29 +295,29 @@ def _check_references(path: Path, content: bytes) -> None:
 def _name_distinct(paths: Sequence[Sequence[str]]) -> list[str]:
     """Name instances from the names on their paths: last name, with its assembly's, or a number."""
     paths = [_cut_path(path) for path in paths]
-    own = [("" if _is_nameless(path[-1]) else path[-1]) for path in paths]
+    last_names = [("" if _is_nameless(path[-1]) else path[-1]) for path in paths]
     for depth in range(2, max(map(len, paths), default=0) + 1):
-        doubled = {name for name in own if own.count(name) > 1 and name}
+        doubled = {name for name in last_names if last_names.count(name) > 1 and name}
         named = (
             [part for part in path[-depth:] if not _is_nameless(part)] for path in paths
         )
         again = [
             ".".join(parts) if name in doubled and len(path) > depth else name
-            for name, parts, path in zip(own, named, paths, strict=True)
+            for name, parts, path in zip(last_names, named, paths, strict=True)
         ]
-        if len(set(again)) > len(set(own)):
-            own = again
-    found = []
+        if len(set(again)) > len(set(last_names)):
+            last_names = again
+    distinct = []
     counted = dict[str, int]()
-    for name in own:
+    for name in last_names:
         base = name or "solid"
         counted[base] = counted.get(base, 0) + 1
-        found.append(
-            base if own.count(name) == 1 and name else f"{base}{counted[base]}"
+        distinct.append(
+            base if last_names.count(name) == 1 and name else f"{base}{counted[base]}"
         )
-    if len(set(found)) < len(found):
-        found = [f"{name}_{number}" for number, name in enumerate(found, 1)]
-    return found
+    if len(set(distinct)) < len(distinct):
+        distinct = [f"{name}_{number}" for number, name in enumerate(distinct, 1)]
+    return distinct
 
 
 def _cut_path(path: Sequence[str]) -> Sequence[str]:
@@ -338,7 +338,7 @@ def _write_solids(path: Path, shown: str, folder: Path) -> None:
 
 
 def gather_solids(
-    found: "Sequence[PlacedProduct]", shown: str
+    placed_products: "Sequence[PlacedProduct]", shown: str
 ) -> "tuple[list[Solid], dict[str, Any]]":
     """Collect distinct leaf solids, `shown` in messages, and a table of them and their places."""
     products = []
@@ -347,9 +347,11 @@ def gather_solids(
     solids: list[Any] = []
     loose = list[str]()
     whole = {
-        (*_cut_path(each.path),) for each in found if cad.kernel.solids(each.shape)
+        (*_cut_path(each.path),)
+        for each in placed_products
+        if cad.kernel.solids(each.shape)
     }
-    for each in found:
+    for each in placed_products:
         shapes = cad.kernel.solids(each.shape)
         name = _cut_path(each.path)
         if not shapes and (name == each.path or (*name,) not in whole):

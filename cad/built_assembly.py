@@ -52,17 +52,17 @@ def read_built(
         raise InputError(f"{shown}: expected a build123d Compound of solids, got {got}")
     leaves = [leaf for leaf in assembly.leaves if leaf.wrapped]
     numbers = kernel.Numbering()
-    found = [_read_leaf(leaf, numbers) for leaf in leaves]
-    for each in found:
+    products = [_read_leaf(leaf, numbers) for leaf in leaves]
+    for each in products:
         if not np.isfinite(each.place).all():
             what = f'"{each.path[-1]}" at infinity; give connect_to of a LinearJoint a position'
             raise InputError(f"{shown}: expected solids at places, got {what}")
-    solids, told = gather_solids(found, shown)
+    solids, told = gather_solids(products, shown)
     instances = place_solids(solids, told)
     left_out += told["left_out"]
     owners = [
         leaf
-        for leaf, each in zip(leaves, found, strict=True)
+        for leaf, each in zip(leaves, products, strict=True)
         for _ in kernel.solids(each.shape)
     ]
     return instances, _read_joints(assembly, instances, owners, left_out)
@@ -93,7 +93,7 @@ def _read_joints(
     left_out: list[str],
 ) -> list[BuiltJoint]:
     """Return the connected joints with both ends in the assembly."""
-    found = []
+    joints = []
     for node in (assembly, *assembly.descendants):
         for name, joint in node.joints.items():
             if joint.connected_to is None:
@@ -107,13 +107,13 @@ def _read_joints(
                     f"{label}: connected to nothing else of the assembly: left out"
                 )
                 continue
-            frames = [(type(each).__name__, _placed(each)) for each in (joint, other)]
+            frames = [(type(end).__name__, _placed(end)) for end in (joint, other)]
             motions = tuple(
                 (_KINDS[kind], 1e-3 * frame[:3, 3], frame[:3, 2])
                 for kind, frame in frames
             )
-            found.append(BuiltJoint(first, second, label, motions))
-    return found
+            joints.append(BuiltJoint(first, second, label, motions))
+    return joints
 
 
 def _placed(joint: Any) -> Array:
@@ -128,7 +128,7 @@ def _nearest(
 ) -> int | None:
     """Return the solid of a joint: the nearest one of its node; None outside the assembly."""
     inside = [
-        n for n, owner in enumerate(owners) if any(each is node for each in owner.path)
+        n for n, owner in enumerate(owners) if any(step is node for step in owner.path)
     ]
     if len(inside) < 2:
         return inside[0] if inside else None

@@ -71,12 +71,12 @@ def find_contacts(
     boxes = np.array([solid.box for solid in solids])
     near = np.all(boxes[:, None, 0] <= boxes[None, :, 1] + PLAY, axis=-1)
     pairs = [(i, j) for i, j in np.argwhere(near & near.T).tolist() if i < j]
-    found: list[Contact] = []
+    contacts: list[Contact] = []
     for done, (i, j) in enumerate(pairs):
-        found += _contacts_of(i, j, solids[i], solids[j])
+        contacts += _contacts_of(i, j, solids[i], solids[j])
         if progress is not None:
             progress("contacts", (done + 1) / len(pairs))
-    return _drop_open(_drop_covered(found))
+    return _drop_open(_drop_covered(contacts))
 
 
 def _drop_covered(contacts: list[Contact]) -> list[Contact]:
@@ -84,11 +84,11 @@ def _drop_covered(contacts: list[Contact]) -> list[Contact]:
     bores = defaultdict[tuple[int, int], set[int]](set)
     pins = defaultdict[tuple[int, int], set[int]](set)
     fits = []
-    for each in contacts:
-        ends = (each.first, each.faces[0]), (each.second, each.faces[1])
-        pin, bore = ends[::-1] if each.inner else ends
-        fits.append((each, pin, bore))
-        if each.kind == "cylinder":
+    for contact in contacts:
+        ends = (contact.first, contact.faces[0]), (contact.second, contact.faces[1])
+        pin, bore = ends[::-1] if contact.inner else ends
+        fits.append((contact, pin, bore))
+        if contact.kind == "cylinder":
             bores[pin].add(bore[0])
             pins[bore].add(pin[0])
     return [
@@ -120,14 +120,17 @@ def _drop_open(contacts: list[Contact]) -> list[Contact]:
             nnls(np.transpose(normals[solid]), axis)[1] < 1e-3 for solid, axis in ends
         )
 
-    return [each for each in contacts if is_kept(each)]
+    return [contact for contact in contacts if is_kept(contact)]
 
 
 def _contacts_of(i: int, j: int, one: Instance, other: Instance) -> Iterator[Contact]:
     box = np.stack(
         [np.maximum(one.box[0], other.box[0]), np.minimum(one.box[1], other.box[1])]
     )
-    boxed = (zip(each.faces, each.face_boxes, strict=True) for each in (one, other))
+    boxed = (
+        zip(instance.faces, instance.face_boxes, strict=True)
+        for instance in (one, other)
+    )
     shared = (
         [face for face, limits in pairs if _meet(limits, box, PLAY)] for pairs in boxed
     )
@@ -135,20 +138,20 @@ def _contacts_of(i: int, j: int, one: Instance, other: Instance) -> Iterator[Con
         if a.kind != b.kind:
             continue
         if a.kind == "plane":
-            found = _plane(a, b, one, other)
+            plane = _plane(a, b, one, other)
         elif a.kind in {"cylinder", "sphere", "cone"} and a.hollow != b.hollow:
-            found = {"cylinder": _cylinder, "sphere": _sphere, "cone": _cone}[a.kind](
+            plane = {"cylinder": _cylinder, "sphere": _sphere, "cone": _cone}[a.kind](
                 a, b
             )
         else:
             continue
-        if found is not None:
-            own = (
+        if plane is not None:
+            bounds = (
                 (0.0, None)
                 if a.kind == "plane"
                 else (min(a.radius, b.radius), int(a.hollow))
             )
-            yield Contact(i, j, (a.index, b.index), a.kind, *found, *own)
+            yield Contact(i, j, (a.index, b.index), a.kind, *plane, *bounds)
 
 
 def _meet(box: Array, other: Array, within: float) -> bool:
@@ -217,8 +220,8 @@ def _cone(a: FaceGeometry, b: FaceGeometry) -> _Found:
     if abs(abs(a.half_angle) - abs(b.half_angle)) > PARALLEL or not _coaxial(a, b):
         return None
     tips = [
-        each.origin - each.radius / np.tan(each.half_angle) * each.axis
-        for each in (a, b)
+        surface.origin - surface.radius / np.tan(surface.half_angle) * surface.axis
+        for surface in (a, b)
     ]
     gap = float(np.linalg.norm(tips[0] - tips[1]) * np.sin(abs(a.half_angle)))
     low, high = _overlap(a, b)

@@ -271,24 +271,24 @@ def match_faces(
     contains: Callable[[FaceGeometry, NDArray[np.float64]], bool],
 ) -> list[FaceGeometry]:
     """Return faces that meet a selector; ``contains`` tests if a face contains a point (3,), m."""
-    found = [face for face in geometries if _meets(face, selector)]
+    faces = [face for face in geometries if _meets(face, selector)]
     position = selector.position
-    if isinstance(position, str) and found:
+    if isinstance(position, str) and faces:
         end, axis = position.split()
-        along = np.array([face.centroid["xyz".index(axis)] for face in found])
+        along = np.array([face.centroid["xyz".index(axis)] for face in faces])
         furthest = along.min() if end == "min" else along.max()
-        found = [
+        faces = [
             face
-            for face, x in zip(found, along, strict=True)
+            for face, x in zip(faces, along, strict=True)
             if abs(x - furthest) < DISTANCE
         ]
     elif position is not None and not isinstance(position, str):
         point = np.asarray(position, dtype=float)
-        on = [face for face in found if contains(face, point)]
-        found = on or [
-            face for face in found if np.linalg.norm(face.centroid - point) < DISTANCE
+        on = [face for face in faces if contains(face, point)]
+        faces = on or [
+            face for face in faces if np.linalg.norm(face.centroid - point) < DISTANCE
         ]
-    return found
+    return faces
 
 
 def _meets(face: FaceGeometry, selector: FaceSelector) -> bool:

@@ -39,24 +39,24 @@ def imprint_contacts(
         Indices of the faces that each contact covers; the whole face if it could not be split.
     """
     solid = solids[number]
-    own = list(contacts)
-    lines = [line for each in own for line in _find_lines(number, solids, each)]
-    made = cad.kernel.imprint_lines(solid.solid, lines) if lines else None
+    remaining = list(contacts)
+    lines = [line for face in remaining for line in _find_lines(number, solids, face)]
+    imprinted = cad.kernel.imprint_lines(solid.solid, lines) if lines else None
     pieces = {index: (index,) for index in range(len(solid.faces))}
     new = solid
-    if made is not None:
-        split, pieces = made
+    if imprinted is not None:
+        split, pieces = imprinted
         change = abs(cad.kernel.volume_properties(split).Mass() * 1e-9)
         if abs(change - solid.product.volume) <= _ALIKE * solid.product.volume:
             new = replace(solid, product=_in_own_axes(solid, split))
         else:
             pieces = {index: (index,) for index in range(len(solid.faces))}
-    found = {}
-    for each in own:
+    edges_by_solid = {}
+    for each in remaining:
         whole = pieces[each.face_of(number)]
         covered = [face for face in whole if _covers(new, face, number, solids, each)]
-        found[each] = tuple(covered) or whole
-    return new, found
+        edges_by_solid[each] = tuple(covered) or whole
+    return new, edges_by_solid
 
 
 def _in_own_axes(solid: Instance, split: "cad.kernel.Solid") -> cad.assembly.Product:
@@ -73,7 +73,7 @@ def _find_lines(
     index = contact.face_of(number)
     face = solids[number].faces[index]
     shape = solids[number].shapes[index]
-    theirs = solids[other].faces[contact.face_of(other)]
+    other_face = solids[other].faces[contact.face_of(other)]
     their_shape = solids[other].shapes[contact.face_of(other)]
     if contact.kind == "plane":
         # `gap` is measured along the first solid's normal
@@ -88,7 +88,7 @@ def _find_lines(
         if face.extent[0] + _INSIDE < end < face.extent[1] - _INSIDE:
             at = 1e3 * (face.origin + end * face.axis)
             lines += cad.kernel.section(shape, at, face.axis)
-    for spoke in _find_spokes(their_shape, theirs):
+    for spoke in _find_spokes(their_shape, other_face):
         across = np.cross(face.axis, spoke)
         for line in cad.kernel.section(shape, 1e3 * face.origin, across):
             point = 1e-3 * cad.kernel.middle_of_edge(line) - face.origin
@@ -99,7 +99,7 @@ def _find_lines(
 
 def _find_spokes(shape: "cad.kernel.Face", face: FaceGeometry) -> list[Array]:
     """Return the directions (3,) of the straight borders of a round face that is not closed."""
-    found = []
+    spokes = []
     for edge in cad.kernel.edges(shape):
         if cad.kernel.is_seam(edge, shape):
             continue
@@ -112,8 +112,8 @@ def _find_spokes(shape: "cad.kernel.Face", face: FaceGeometry) -> list[Array]:
             continue
         out = ends[0] - face.origin
         out = out - face.axis * (face.axis @ out)
-        found.append(out / np.linalg.norm(out))
-    return found
+        spokes.append(out / np.linalg.norm(out))
+    return spokes
 
 
 def _covers(
@@ -125,12 +125,12 @@ def _covers(
 ) -> bool:
     """Return whether the inside of a piece of a face lies where the other solid touches it."""
     other = contact.find_other(number)
-    theirs = solids[other].faces[contact.face_of(other)]
+    other_face = solids[other].faces[contact.face_of(other)]
     shape = solids[other].shapes[contact.face_of(other)]
     point = 1e-3 * cad.kernel.inner_point(solid.shapes[piece])
     on = solid.faces[piece].project(point[None])
     on = point[None] if on is None else on
-    foot = theirs.project(on)
+    foot = other_face.project(on)
     foot = on if foot is None else foot
     away = 1e-3 * cad.kernel.distance(shape, 1e3 * foot[0])
-    return away < _ON + 1e-3 * float(np.sqrt(theirs.area))
+    return away < _ON + 1e-3 * float(np.sqrt(other_face.area))

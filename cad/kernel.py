@@ -124,14 +124,14 @@ class Numbering:
 def _list_distinct(shape: Shape, kind: Any, cast_to: Any) -> list[Any]:
     """Return distinct sub-shapes of a kind, in order of first occurrence."""
     explorer = TopExp_Explorer(shape, kind)
-    found = []
+    distinct = []
     numbers = Numbering()
     while explorer.More():
         item = explorer.Current()
-        if numbers.number_shape(item) == len(found):
-            found.append(cast_to(item))
+        if numbers.number_shape(item) == len(distinct):
+            distinct.append(cast_to(item))
         explorer.Next()
-    return found
+    return distinct
 
 
 def faces(shape: Shape) -> list[Face]:
@@ -157,7 +157,7 @@ def solids(shape: Shape) -> list[Solid]:
 def round_holes(face: Face) -> list[tuple[Edge, Floats, float]]:
     """Return an edge, the centre (3,) and radius of each full-circle inner border of a face."""
     outer = BRepTools.OuterWire_s(face)
-    found = list[tuple[Edge, Floats, float]]()
+    holes = list[tuple[Edge, Floats, float]]()
     for wire in _list_distinct(face, TopAbs_ShapeEnum.TopAbs_WIRE, TopoDS.Wire):
         curves = [(edge, BRepAdaptor_Curve(edge)) for edge in edges(wire)]
         if wire.IsSame(outer) or not all(
@@ -168,8 +168,8 @@ def round_holes(face: Face) -> list[tuple[Edge, Floats, float]]:
         radius = curves[0][1].Circle().Radius()
         turn = sum(c.LastParameter() - c.FirstParameter() for _, c in curves)
         if np.ptp(centres, axis=0).max() < 1e-6 and abs(turn - 2.0 * np.pi) < 1e-6:
-            found.append((curves[0][0], centres[0], radius))
-    return found
+            holes.append((curves[0][0], centres[0], radius))
+    return holes
 
 
 def imprint_circle(
@@ -191,7 +191,7 @@ def imprint_circle(
     )
     split.Build()
     return TopoDS.Solid(split.Shape()), [
-        TopoDS.Face(each) for each in split.Modified(face)
+        TopoDS.Face(piece) for piece in split.Modified(face)
     ]
 
 
@@ -199,21 +199,21 @@ def borders(shape: Shape) -> dict[tuple[int, int], list[Edge]]:
     """Return the common edges of adjacent faces, by pairs of face indices, smaller first."""
     numbers = Numbering()
     beside: dict[int, list[int]] = {}
-    found: dict[tuple[int, int], list[Edge]] = {}
+    by_faces: dict[tuple[int, int], list[Edge]] = {}
     for index, face in enumerate(faces(shape)):
         for edge in edges(face):
             met = beside.setdefault(numbers.number_shape(edge), [])
             for other in met:
-                found.setdefault((other, index), []).append(edge)
+                by_faces.setdefault((other, index), []).append(edge)
             met.append(index)
-    return found
+    return by_faces
 
 
 def corner_numbers(shape: Shape) -> list[frozenset[int]]:
     """Return the numbers of the vertices of each face; faces that touch have a common one."""
     numbers = Numbering()
     return [
-        frozenset(numbers.number_shape(each) for each in vertices(face))
+        frozenset(numbers.number_shape(vertex) for vertex in vertices(face))
         for face in faces(shape)
     ]
 
@@ -241,11 +241,11 @@ def compound(*shapes: Shape) -> TopoDS_Compound:
 def children(shape: Shape) -> list[Solid]:
     """Return the solids of a compound, in order."""
     walk = TopoDS_Iterator(shape)
-    found = list[Solid]()
+    parts = list[Solid]()
     while walk.More():
-        found.append(TopoDS.Solid(walk.Value()))
+        parts.append(TopoDS.Solid(walk.Value()))
         walk.Next()
-    return found
+    return parts
 
 
 def is_valid(shape: Shape) -> bool:
@@ -285,27 +285,27 @@ def find_interferences(shape: Shape) -> list[tuple[Floats, float]]:
     analyzer.SetShape1(shape)
     analyzer.SelfInterMode = True
     analyzer.Perform()
-    found = []
-    for each in analyzer.GetCheckResult() if analyzer.HasFaulty() else ():
-        some = list(each.GetFaultyShapes1())
-        if len(some) > 1:
-            search = BRepExtrema_DistShapeShape(some[0], some[1])
+    interferences = []
+    for result in analyzer.GetCheckResult() if analyzer.HasFaulty() else ():
+        faulty = list(result.GetFaultyShapes1())
+        if len(faulty) > 1:
+            search = BRepExtrema_DistShapeShape(faulty[0], faulty[1])
             ends = [search.PointOnShape1(1), search.PointOnShape2(1)]
-            found.append((np.mean([xyz(end) for end in ends], axis=0), 0.0))
+            interferences.append((np.mean([xyz(end) for end in ends], axis=0), 0.0))
         else:
-            limits = bounds(some[0] if some else shape)
-            found.append(
+            limits = bounds(faulty[0] if faulty else shape)
+            interferences.append(
                 (limits.mean(axis=0), float(np.linalg.norm(np.ptp(limits, axis=0))))
             )
-    return found
+    return interferences
 
 
 def find_fault(shape: Shape) -> Floats | None:
     """Return the place (3,) of the first face that the kernel finds invalid; None if none is."""
     analyzer = BRepCheck_Analyzer(shape)
     for face in faces(shape):
-        some = [face, *edges(face), *vertices(face)]
-        if not all(analyzer.IsValid(each) for each in some):
+        shapes = [face, *edges(face), *vertices(face)]
+        if not all(analyzer.IsValid(each) for each in shapes):
             return bounds(face).mean(axis=0)
     return None
 
@@ -340,8 +340,8 @@ def fuse(shapes: Sequence[Shape], fuzzy: float) -> Shape:
     first = List_TopoDS_Shape()
     others = List_TopoDS_Shape()
     first.Append(shapes[0])
-    for each in shapes[1:]:
-        others.Append(each)
+    for shape in shapes[1:]:
+        others.Append(shape)
     union = BRepAlgoAPI_Fuse()
     union.SetArguments(first)
     union.SetTools(others)
@@ -362,9 +362,9 @@ def surface_under(face: Face) -> tuple[str, Any]:
         form = getattr(surface, kind)()
     else:
         known = ShapeAnalysis_CanonicalRecognition(face)
-        found = ((each, empty()) for each, empty in _FORMS.items())
+        forms = ((each, empty()) for each, empty in _FORMS.items())
         kind, form = next(
-            (e for e in found if getattr(known, f"Is{e[0]}")(_SAME, e[1])),
+            (e for e in forms if getattr(known, f"Is{e[0]}")(_SAME, e[1])),
             ("other", None),
         )
     return kind.lower(), form
@@ -487,8 +487,8 @@ def common_area(faces: tuple[Face, Face], step: Floats) -> tuple[float, Floats]:
     move = gp_Trsf()
     move.SetTranslation(gp_Vec(*step.tolist()))
     cut = BRepAlgoAPI_Common(faces[0], faces[1].Moved(TopLoc_Location(move)))
-    found = area_properties(cut.Shape() if cut.IsDone() else compound())
-    return float(found.Mass()), xyz(found.CentreOfMass())
+    properties = area_properties(cut.Shape() if cut.IsDone() else compound())
+    return float(properties.Mass()), xyz(properties.CentreOfMass())
 
 
 def common_outline(faces: tuple[Face, Face], step: Floats) -> list[Edge]:
@@ -548,20 +548,22 @@ def imprint_lines(
     split.SetArguments(arguments)
     split.SetTools(tools)
     split.Build()
-    found = solids(split.Shape()) if split.IsDone() else []
-    if len(found) != 1 or not is_valid(found[0]):
+    solids_cut = solids(split.Shape()) if split.IsDone() else []
+    if len(solids_cut) != 1 or not is_valid(solids_cut[0]):
         return None
     numbers = Numbering()
-    for face in faces(found[0]):
+    for face in faces(solids_cut[0]):
         numbers.number_shape(face)
     count = numbers.count
     pieces = {}
     for index, face in enumerate(faces(solid)):
-        made = [TopoDS.Face(each) for each in split.Modified(face)] or [face]
-        pieces[index] = tuple(numbers.number_shape(each) for each in made)
+        pieces_of_face = [TopoDS.Face(piece) for piece in split.Modified(face)] or [
+            face
+        ]
+        pieces[index] = tuple(numbers.number_shape(shape) for shape in pieces_of_face)
     if numbers.count > count:  # a piece that the solid has not
         return None
-    return found[0], pieces
+    return solids_cut[0], pieces
 
 
 def volume_properties(shape: Shape) -> GProp_GProps:

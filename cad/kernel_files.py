@@ -72,16 +72,16 @@ def read_products(path: Path) -> list[PlacedProduct]:
     explorer = XCAFPrs_DocumentExplorer(
         document, XCAFPrs_DocumentExplorerFlags_OnlyLeafNodes
     )
-    found = []
+    products = []
     while explorer.More():
         node = explorer.Current()
         depth = explorer.CurrentDepth()
         nodes = (explorer.Current(level) for level in range(depth + 1))
-        found.append(
+        products.append(
             PlacedProduct(
                 path=[
-                    _label_name(each.Label) or _label_name(each.RefLabel)
-                    for each in nodes
+                    _label_name(label.Label) or _label_name(label.RefLabel)
+                    for label in nodes
                 ],
                 product=node.RefLabel.Tag(),
                 shape=XCAFDoc_ShapeTool.GetShape_s(node.RefLabel),
@@ -90,7 +90,7 @@ def read_products(path: Path) -> list[PlacedProduct]:
             )
         )
         explorer.Next()
-    return found
+    return products
 
 
 def _label_name(label: Any) -> str:
@@ -99,7 +99,7 @@ def _label_name(label: Any) -> str:
     name = TDataStd_Name()
     label.FindAttribute(TDataStd_Name.GetID_s(), name)
     return "".join(
-        each for each in name.Get().ToExtString() if each.isprintable()
+        letter for letter in name.Get().ToExtString() if letter.isprintable()
     ).strip()
 
 

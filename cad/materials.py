@@ -244,7 +244,9 @@ CFRP_TUBE = TransverselyIsotropic(
 )
 
 _METALS = (STEEL, ALUMINIUM_7075, ALUMINIUM_6082, CAST_IRON, DUCTILE_IRON, TITANIUM)
-MATERIALS: dict[str, AnyMaterial] = {each.name: each for each in (*_METALS, CFRP_TUBE)}
+MATERIALS: dict[str, AnyMaterial] = {
+    metal.name: metal for metal in (*_METALS, CFRP_TUBE)
+}
 DESIGNATIONS = {
     "AlMgSi1": "aluminium-6082",
     "EN AW-6082": "aluminium-6082",

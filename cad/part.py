@@ -195,22 +195,22 @@ def tessellate(
     vertices, number = _merge_nodes(nodes)
     triangles = number[triangles]
     a, b, c = triangles.T
-    kept = (a != b) & (b != c) & (c != a)
-    return vertices * 1e-3, triangles[kept], face_of_triangle[kept]
+    distinct = (a != b) & (b != c) & (c != a)
+    return vertices * 1e-3, triangles[distinct], face_of_triangle[distinct]
 
 
 def tessellate_closed(
     solid: "Solid", deflection: float, angle: float
 ) -> tuple[Floats, Ints, Ints]:
     """Do as `tessellate`, up to a hundred times finer where the surface has gaps otherwise."""
-    found = tessellate(solid, deflection, angle)
+    tessellation = tessellate(solid, deflection, angle)
     for _ in range(_FINER):
-        if not open_edges(found[1]):
+        if not open_edges(tessellation[1]):
             break
         deflection *= 0.2
         angle = max(0.5 * angle, 0.1)
-        found = tessellate(solid, deflection, angle)
-    return found
+        tessellation = tessellate(solid, deflection, angle)
+    return tessellation
 
 
 def _merge_nodes(nodes: Floats) -> tuple[Floats, Ints]:
@@ -269,13 +269,13 @@ def project(
         border = list(borders or part.seams.values())[place - len(part.faces)]
         closest = [cad.kernel.closest(border, point) for point in points * 1e3]
         return np.array(closest).reshape(-1, 3) * 1e-3
-    found = part.faces[place].project(points)
-    if found is None:
-        found = (
+    projection = part.faces[place].project(points)
+    if projection is None:
+        projection = (
             cad.kernel.closest_under(cad.kernel.faces(part.solid)[place], points * 1e3)
             * 1e-3
         )
-    return found
+    return projection
 
 
 @dataclass(frozen=True, eq=False)

@@ -61,9 +61,9 @@ def valid_solid(shape: Shape, name: str, chosen: int | str | None = None) -> Sol
             raise InputError(f"{name}: expected {expected}, found {found}")
 
     solid = _single_solid(shape, name, chosen, check)
-    farthest = np.abs([kernel.position(each) for each in kernel.vertices(solid)]).max(
-        initial=0.0
-    )
+    farthest = np.abs(
+        [kernel.position(vertex) for vertex in kernel.vertices(solid)]
+    ).max(initial=0.0)
     expected = f"a solid whose coordinates are numbers of at most {FARTHEST:g} mm"
     check(farthest <= FARTHEST, f"{farthest:.3g} mm", expected)
     size = kernel.diagonal(solid)
@@ -91,17 +91,19 @@ def _single_solid(
     """Return the only solid of a shape, or the chosen one; refuse several, none, loose faces."""
     if chosen is not None:
         shape = _choose(shape, name, chosen)
-    found, faces = kernel.solids(shape), kernel.faces(shape)
+    solids, faces = kernel.solids(shape), kernel.faces(shape)
     check(
-        len(found) < 2,
-        f"{len(found)}: {list_solids(found)}",
+        len(solids) < 2,
+        f"{len(solids)}: {list_solids(solids)}",
         'one solid, or its number here as solid = N, or solid = "all" to fuse them',
     )
     count = say_count(len(faces), "face that bounds", "faces that bound")
     surface = f"a surface without volume ({count} no solid)"
-    check(found, surface if faces else "no solid and no face")
-    own = kernel.faces(found[0])
-    loose = [face for face in faces if not any(face.IsSame(other) for other in own)]
+    check(solids, surface if faces else "no solid and no face")
+    bounding = kernel.faces(solids[0])
+    loose = [
+        face for face in faces if not any(face.IsSame(other) for other in bounding)
+    ]
     if loose:
         at = _place(kernel.bounds(loose[0]).mean(axis=0))
         check(
@@ -109,36 +111,36 @@ def _single_solid(
             found=f"{say_count(len(loose), 'loose face')} beside the solid, at {at}",
             expected="one solid and nothing else, or solid = 1",
         )
-    return found[0]
+    return solids[0]
 
 
-def list_solids(found: Sequence[Solid]) -> str:
+def list_solids(solids: Sequence[Solid]) -> str:
     """Return number, box and volume of each of several solids; of many, the largest ones."""
-    volumes = [abs(kernel.volume_properties(each).Mass()) for each in found]
-    order = sorted(range(len(found)), key=lambda k: -volumes[k])
+    volumes = [abs(kernel.volume_properties(solid).Mass()) for solid in solids]
+    order = sorted(range(len(solids)), key=lambda k: -volumes[k])
     lines = []
     for k in sorted(order[:_LISTED]):
-        low, high = kernel.bounds(found[k])
+        low, high = kernel.bounds(solids[k])
         lines.append(
             f"{k + 1} from {_place(low)} to {_place(high)}, {volumes[k]:.4g} mm3"
         )
-    rest = len(found) - len(lines)
+    rest = len(solids) - len(lines)
     return "; ".join(lines) + (f"; and {rest} smaller" if rest else "")
 
 
 def _choose(shape: Shape, name: str, chosen: int | str) -> Shape:
     """Return one solid of a shape by its number, or all of them, fused. Raises InputError."""
-    found = kernel.solids(shape)
+    solids = kernel.solids(shape)
     if isinstance(chosen, int):
-        if not 1 <= chosen <= len(found):
+        if not 1 <= chosen <= len(solids):
             raise InputError(
-                f"{name}: expected solid from 1 to {len(found)}, got {chosen}"
-                + (f" ({list_solids(found)})" if len(found) > 1 else "")
+                f"{name}: expected solid from 1 to {len(solids)}, got {chosen}"
+                + (f" ({list_solids(solids)})" if len(solids) > 1 else "")
             )
-        return found[chosen - 1]
-    if len(found) < 2:
+        return solids[chosen - 1]
+    if len(solids) < 2:
         return shape
-    fused = kernel.fuse(found, _TOUCH)
+    fused = kernel.fuse(solids, _TOUCH)
     pieces = kernel.solids(fused)
     if len(pieces) != 1:
         got = "none"
@@ -147,12 +149,12 @@ def _choose(shape: Shape, name: str, chosen: int | str) -> Shape:
             got = f"{len(pieces)} pieces, {gap:.3g} mm apart at {_place(at)}"
         raise InputError(
             f'{name}: expected solids that touch, as solid = "all", found {got}; '
-            f"take one of {list_solids(found)}"
+            f"take one of {list_solids(solids)}"
         )
-    whole = sum(abs(kernel.volume_properties(each).Mass()) for each in found)
+    whole = sum(abs(kernel.volume_properties(solid).Mass()) for solid in solids)
     shared = 1.0 - kernel.volume_properties(pieces[0]).Mass() / whole
     also = f"; they overlap by {100.0 * shared:.2g} %" if shared > _OVERLAP else ""
-    log.warning("%s: %d solids fused as one part%s", name, len(found), also)
+    log.warning("%s: %d solids fused as one part%s", name, len(solids), also)
     return pieces[0]
 
 
@@ -179,10 +181,10 @@ def _heal(solid: Solid, name: str, check: Callable[..., None]) -> Solid:
     """Return a solid that the kernel finds invalid, healed; log what was done."""
     before = kernel.volume_properties(solid).Mass()
     healed, done = kernel.heal_solid(solid)
-    found = kernel.solids(healed)
+    solids = kernel.solids(healed)
     change = np.inf
-    if len(found) == 1 and kernel.is_valid(found[0]):
-        after = kernel.volume_properties(kernel.orient_solid(found[0])).Mass()
+    if len(solids) == 1 and kernel.is_valid(solids[0]):
+        after = kernel.volume_properties(kernel.orient_solid(solids[0])).Mass()
         change = abs(after - abs(before)) / max(after, 1e-300)
     if not change < _CHANGE:
         _check_surface(solid, check)
@@ -199,12 +201,12 @@ def _heal(solid: Solid, name: str, check: Callable[..., None]) -> Solid:
         ", ".join(done) or "tolerances",
         100.0 * change,
     )
-    return found[0]
+    return solids[0]
 
 
 def _place(point: np.ndarray) -> str:
     rounded = np.round(point, 4) + 0.0  # no -0
-    return f"({', '.join(f'{each:.6g}' for each in rounded)}) mm"
+    return f"({', '.join(f'{number:.6g}' for number in rounded)}) mm"
 
 
 def find_overlap(
@@ -268,7 +270,9 @@ def count_turns(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     out = np.empty(len(points))
     for k, point in enumerate(points):
         a, b, c = np.moveaxis(corners - point, 1, 0)
-        la, lb, lc = (np.sqrt(np.einsum("ti,ti->t", each, each)) for each in (a, b, c))
+        la, lb, lc = (
+            np.sqrt(np.einsum("ti,ti->t", corner, corner)) for corner in (a, b, c)
+        )
         top = np.einsum("ti,ti->t", a, np.cross(b, c))
         below = (
             la * lb * lc

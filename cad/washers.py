@@ -59,7 +59,7 @@ def select_interfaces(
     rims = [(each, one) for each, some in chosen.items() for one in some if one.washer]
     holes = _list_holes(solid) if rims else []
     pieces = [[face] for face in cad.kernel.faces(solid)]
-    washers: dict[str, list[Face]] = {each: [] for each in chosen}
+    washers: dict[str, list[Face]] = {selector: [] for selector in chosen}
     done: dict[int, tuple[float, Face]] = {}
     for each, one in rims:
         field = f"{name}.{each}"
@@ -76,35 +76,35 @@ def select_interfaces(
     def number(face: "Face") -> int:
         return next(index for index, other in enumerate(faces) if other.IsSame(face))
 
-    found = {}
+    selected = {}
     for each in chosen:
         whole = [face for k in plain.get(each, ()) for face in pieces[k]]
         whole = [face for face in whole if not any(face.IsSame(ring) for ring in rings)]
-        found[each] = frozenset(number(face) for face in (*whole, *washers[each]))
-    return solid, found
+        selected[each] = frozenset(number(face) for face in (*whole, *washers[each]))
+    return solid, selected
 
 
 def _list_holes(solid: "Solid") -> list[_Hole]:
     faces = cad.kernel.faces(solid)
-    found = list[_Hole]()
+    holes = list[_Hole]()
     for plane in face_geometries(solid):
         rims = (
             cad.kernel.round_holes(faces[plane.index]) if plane.kind == "plane" else ()
         )
         for edge, centre, radius in rims:
             form = "plane", 0.0, 1e-3 * centre, 1e-3 * centre, plane.axis, 1e-3 * radius
-            found.append(_Hole(FaceGeometry(plane.index, *form), edge))
-    return found
+            holes.append(_Hole(FaceGeometry(plane.index, *form), edge))
+    return holes
 
 
 def _find_holes(
     holes: Sequence[_Hole], selector: FaceSelector, field: str
 ) -> list[int]:
     """Return indices of holes that meet a selector: centre, radius, normal and face index."""
-    found = match_faces(
+    matches = match_faces(
         [hole.geometry for hole in holes], selector, lambda _face, _point: False
     )
-    if not found:
+    if not matches:
         radii = (
             ", ".join(sorted({mm(hole.geometry.radius) for hole in holes})) or "none"
         )
@@ -113,7 +113,7 @@ def _find_holes(
     return [
         k
         for k, hole in enumerate(holes)
-        if any(hole.geometry is face for face in found)
+        if any(hole.geometry is face for face in matches)
     ]
 
 
@@ -126,10 +126,10 @@ def _imprint(
 ) -> tuple["Solid", "Face"]:
     """Split the piece of a face around a hole, in place; return the solid and the new annulus."""
     radius = 0.5 * (selector.washer or 0.0)
-    own = hole.geometry
+    geometry = hole.geometry
     edge = hole.edge
-    if radius <= own.radius + DISTANCE:
-        wider = f"a washer wider than its hole of {mm(2 * own.radius)}"
+    if radius <= geometry.radius + DISTANCE:
+        wider = f"a washer wider than its hole of {mm(2 * geometry.radius)}"
         raise InputError(f"{field}: expected {wider}, got {mm(2 * radius)}")
 
     def is_beside(face: "Face") -> bool:
@@ -140,12 +140,12 @@ def _imprint(
         max(cad.kernel.distance(face, 1e3 * point) for point in hole.rim(radius))
         > 1e3 * DISTANCE
     ):
-        at = ", ".join(f"{1e3 * x:.6g}" for x in own.centroid)
+        at = ", ".join(f"{1e3 * x:.6g}" for x in geometry.centroid)
         got = f"got one of {mm(2 * radius)} at ({at}) mm"
         raise InputError(
             f"{field}: expected washers within their face and apart, {got}"
         )
-    circle = 1e3 * own.centroid, own.axis, 1e3 * radius
+    circle = 1e3 * geometry.centroid, geometry.axis, 1e3 * radius
     solid, split = cad.kernel.imprint_circle(solid, face, *circle)
-    pieces[:] = [each for each in pieces if not each.IsSame(face)] + split
+    pieces[:] = [piece for piece in pieces if not piece.IsSame(face)] + split
     return solid, next(filter(is_beside, split))

@@ -170,10 +170,10 @@ def work(apply: Solve, force: Floats, motion: Floats) -> Floats:
     motion
         Approximate solution.
     """
-    found = in_portions(lambda some, moved: motion.T @ (2 * some - apply(moved)))(
+    energies = in_portions(lambda some, moved: motion.T @ (2 * some - apply(moved)))(
         force, motion
     )
-    return (found + found.T) / 2
+    return (energies + energies.T) / 2
 
 
 def element_energies(problem: CubicProblem, motion: Floats) -> Floats:

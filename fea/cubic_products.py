@@ -144,8 +144,8 @@ def invert_blocks(space: Cubic, free: Ints, springs: csr_array | None) -> bsr_ar
     for batch in space.batches():
         for chunk in batch:
             pairs = np.einsum("rpa,spa->prsa", *[chunk.table[..., 10:]] * 2)
-            own = _contract(chunk, pairs).transpose(0, 3, 1, 2).reshape(-1, 9)
-            np.add.at(diagonal, space.cells[chunk.elements, 10:].reshape(-1), own)
+            blocks = _contract(chunk, pairs).transpose(0, 3, 1, 2).reshape(-1, 9)
+            np.add.at(diagonal, space.cells[chunk.elements, 10:].reshape(-1), blocks)
     diagonal = diagonal[free].reshape(-1, 3, 3)
     if springs is not None:
         diagonal += springs.diagonal()[free][:, None, None] * np.eye(3)
@@ -156,10 +156,10 @@ def invert_blocks(space: Cubic, free: Ints, springs: csr_array | None) -> bsr_ar
 def _stiffness(space: Cubic, chunk: Group) -> Floats:
     """Return element forces (c, 60, 30) on all functions for displacements of the cubics."""
     pairs = np.einsum("rpa,spb->prsab", chunk.table, chunk.table[..., 10:])
-    found = _contract(chunk, pairs).transpose(0, 3, 1, 4, 2)  # (c, 20, 3, 10, 3)
+    blocks = _contract(chunk, pairs).transpose(0, 3, 1, 4, 2)  # (c, 20, 3, 10, 3)
     sign = space.signs[chunk.elements]
     return (
-        found * sign[:, :, None, None, None] * sign[:, None, None, 10:, None]
+        blocks * sign[:, :, None, None, None] * sign[:, None, None, 10:, None]
     ).reshape(-1, 60, 30)
 
 
@@ -171,8 +171,8 @@ def _contract(chunk: Group, pairs: Floats) -> Floats:
     law = chunk.elasticity.reshape(kept, points, 3, 3, 3, 3).transpose(
         0, 3, 5, 1, 2, 4
     )  # [i, j, p, r, s]
-    found = law.reshape(9 * kept, -1) @ pairs.reshape(9 * points, -1)
-    return found.reshape(kept, 3, 3, *pairs.shape[3:])
+    contracted = law.reshape(9 * kept, -1) @ pairs.reshape(9 * points, -1)
+    return contracted.reshape(kept, 3, 3, *pairs.shape[3:])
 
 
 def expand(space: Cubic, supports: Supports, free: Ints, coordinates: Floats) -> Floats:

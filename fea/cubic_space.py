@@ -53,10 +53,12 @@ class Cubic:
         """Return elements, or those chosen (m,), in batches of groups that bound memory."""
         chunks = self.groups
         if chosen is not None:
-            some = [(each, np.flatnonzero(chosen[each.elements])) for each in chunks]
+            chosen_cells = [
+                (chunk, np.flatnonzero(chosen[chunk.elements])) for chunk in chunks
+            ]
             chunks = [
                 Group(each.elements[at], each.table, each.elasticity[at])
-                for each, at in some
+                for each, at in chosen_cells
                 if len(at)
             ]
         return [chunks[k : k + BATCH] for k in range(0, len(chunks), BATCH)]

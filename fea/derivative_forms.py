@@ -146,8 +146,8 @@ class Forms:
             -np.einsum("ab,aibj->ij", law, level.gradients) for level in self.fields
         )
         energy = np.einsum("ab,aibj->ij", law, self.shapes.integrals.gradients)
-        made = self._derivative(value, unit, cubic, quadratic)
-        return replace(made, condensed_mass=self.shapes.follow_fields(energy))
+        derivative = self._derivative(value, unit, cubic, quadratic)
+        return replace(derivative, condensed_mass=self.shapes.follow_fields(energy))
 
     def of_foundation(self) -> Derivative:
         """Return the derivative by the foundation stiffness per area under the clamp."""
@@ -171,9 +171,9 @@ class Forms:
         cubic = share * self.levels.cubic
         quadratic = share * (self.levels.cubic - self.levels.gain)
         condensed = self.experiment.condensed_mass[:size, :size] / density
-        made = self._derivative(density, "kg/m^3", cubic, quadratic)
+        derivative = self._derivative(density, "kg/m^3", cubic, quadratic)
         return replace(
-            made, mass=self.experiment.mass / density, condensed_mass=condensed
+            derivative, mass=self.experiment.mass / density, condensed_mass=condensed
         )
 
     def of_dimension(self, number: int, value: float) -> Derivative:
@@ -181,14 +181,14 @@ class Forms:
         move = self.moves[number]
         slide = self._slide(move)
         motions = self.levels.motion, self.levels.quadratic
-        found = self._on_faces(move)
+        moved = self._on_faces(move)
         for k, (level, motion) in enumerate(zip(self.fields, motions, strict=True)):
-            found[k] += self._compliance(level, number, self._turn_tied(slide, motion))
-        made = self._derivative(value, "m", *found)
+            moved[k] += self._compliance(level, number, self._turn_tied(slide, motion))
+        derivative = self._derivative(value, "m", *moved)
         rate = self.mass_rates[number, 0]
         moment = self.mass_rates[number, 1:] + self.lumped_mass @ move.nodes
         return replace(
-            made,
+            derivative,
             mass=float(rate),
             centre=(moment - rate * self.experiment.centre) / self.experiment.mass,
             condensed_mass=self._condensed_mass(number, slide),
@@ -246,7 +246,7 @@ class Forms:
         out = np.zeros((len(move.nodes), 3, system.supports.tie.shape[1]))
         couplings = zip(system.couplings, move.reference_points, strict=True)
         for slot, (coupling, at) in enumerate(
-            each for each in couplings if each[0].kind == "rigid"
+            pair for pair in couplings if pair[0].kind == "rigid"
         ):
             nodes = system.mesh.nodes_of(coupling.faces)
             out[nodes, :, 6 * slot + 3 : 6 * slot + 6] = rigid_modes(
@@ -277,11 +277,11 @@ class Forms:
             for coupling, at in zip(system.couplings, reference, strict=True)
             if coupling.kind == "distributed"
         ]
-        found = [np.zeros_like(self.ratio), np.zeros_like(self.ratio)]
+        forms = [np.zeros_like(self.ratio), np.zeros_like(self.ratio)]
         slip = np.ptp(velocity[mesh.nodes_of(specimen.clamped)], axis=0).max()
         bedded = modulus is not None and slip > STILL
         if not bedded and not any(slip > STILL for slip in loaded):
-            return found
+            return forms
         split = len(self.levels.quadratic)
         above = system.cubic.free
         step = SURFACE_STEP * specimen.volume ** (1 / 3)
@@ -290,7 +290,7 @@ class Forms:
             if bedded and modulus is not None:
                 bedding = springs(moved, specimen.clamped, modulus)
                 for k, level in enumerate(self.fields):
-                    found[k] -= _contract_squares(level.motion, bedding) / (2 * sign)
+                    forms[k] -= _contract_squares(level.motion, bedding) / (2 * sign)
             if loaded:
                 couplings = tuple(
                     replace(
@@ -307,11 +307,11 @@ class Forms:
                     + cubic.T @ self.levels.motion[split:]
                 )
                 for each, work in zip(
-                    found, (first, nodal.T @ self.levels.quadratic), strict=True
+                    forms, (first, nodal.T @ self.levels.quadratic), strict=True
                 ):
                     each[: self.wrenches] += work / (2 * sign)
                     each[:, : self.wrenches] += work.T / (2 * sign)
-        return found
+        return forms
 
     @cached_property
     def mass_rates(self) -> Floats:
@@ -324,8 +324,8 @@ class Forms:
         both[:, 0, [0, 4]] = 1.0
         both[:, range(3), range(1, 4)] = 1.0
         both[:, range(3), range(5, 8)] = system.mesh.points
-        found = products(system.mesh, system.cubic.space, both, velocity)
-        return system.specimen.density * np.einsum("pii->pi", found[:, :4, 4:])
+        rates = products(system.mesh, system.cubic.space, both, velocity)
+        return system.specimen.density * np.einsum("pii->pi", rates[:, :4, 4:])
 
     def _condensed_mass(self, number: int, slide: Floats) -> Floats:
         """Return the derivative (6 + w, 6 + w) of the condensed mass."""

@@ -102,9 +102,9 @@ class DesignVelocity:
         closest = partial(project, part, borders=borders)
         target = Target(closest, self._size, count, tuple(part.smooth_borders))
         node, place = places_of(self.mesh.facets, self.mesh.facet_face, target)
-        mine = np.isin(node, nodes)
+        on_face = np.isin(node, nodes)
         moved = points.copy()
-        alternate(moved, node[mine], place[mine], target, ROUNDS)
+        alternate(moved, node[on_face], place[on_face], target, ROUNDS)
         return moved
 
 

@@ -282,7 +282,7 @@ def _extrapolate_modes(
     wrenches = levels.force.shape[1]
     gravity = np.tile(np.eye(3), (system.cubic.space.base, 1))
     both = accelerate(levels, np.hstack([gravity, system.supports.expand(modes)]))
-    found = both.extrapolate()
+    estimate = both.extrapolate()
     vibration = both.extrapolate(ELSEWHERE)
     weights = slice(wrenches, wrenches + 3)
     vibrating = slice(wrenches + 3, None)
@@ -295,8 +295,8 @@ def _extrapolate_modes(
         nodal.T @ times(mass.nodes, nodal) + cross + cross.T
     )  # cubics' own is fourth order
     cubic, compliance, error = (
-        each[vibrating, vibrating]
-        for each in (both.cubic, vibration.compliance, vibration.error)
+        matrix[vibrating, vibrating]
+        for matrix in (both.cubic, vibration.compliance, vibration.error)
     )
     squares, turn = eigh(cubic, kinetic)  # one further inverse iteration
     static = np.diagonal(turn.T @ cubic @ turn)
@@ -304,7 +304,7 @@ def _extrapolate_modes(
     bound = np.abs(turn).T @ error @ np.abs(turn) / np.sqrt(np.outer(static, static))
     frequencies = np.sqrt(squares / exact) / (2 * np.pi)
     weight, weight_error = (
-        each[:6, weights].T for each in (found.compliance, found.error)
+        matrix[:6, weights].T for matrix in (estimate.compliance, estimate.error)
     )
     return (
         weight,

@@ -128,8 +128,8 @@ class Experiment:
     def stiffness(self) -> Floats:
         """Stiffness (6(1+n), 6(1+n)) of the unsupported part on all ``interfaces``."""
         free = relative_twists(self.reference_points, self.clamp_point)
-        found = free.T @ np.linalg.solve(self.full_compliance, free)
-        return (found + found.T) / 2
+        condensed = free.T @ np.linalg.solve(self.full_compliance, free)
+        return (condensed + condensed.T) / 2
 
     @property
     def mass_matrix(self) -> Floats:
@@ -185,11 +185,11 @@ def load_experiment(path: Path | str, *, fields: bool = True) -> Experiment:
             keys = held["seconds_names"].tolist()
             values = held["seconds_values"].tolist()
         plain["interfaces"] = tuple(plain["interfaces"].tolist())
-        found = Experiment(
+        experiment = Experiment(
             **plain, mesh=mesh, seconds=dict(zip(keys, values, strict=True))
         )
-        _check_sound(found)
-        return found
+        _check_sound(experiment)
+        return experiment
     except (zipfile.BadZipFile, zlib.error) as problem:
         raise InputError(f"{path}: the file is damaged ({problem})") from problem
     except (OSError, KeyError, ValueError, TypeError, EOFError) as problem:
@@ -198,26 +198,28 @@ def load_experiment(path: Path | str, *, fields: bool = True) -> Experiment:
         ) from problem
 
 
-def _check_sound(found: Experiment) -> None:
+def _check_sound(experiment: Experiment) -> None:
     """Raise ValueError for wrong shapes, infinite numbers, and a part that does not yield."""
-    n = len(found.interfaces) - 1
+    n = len(experiment.interfaces) - 1
     shapes = (6 * n, 6 * n), (n, 3), (3,), (3, 3)
     arrays = (
-        found.full_compliance,
-        found.reference_points,
-        found.clamp_point,
-        found.inertia,
+        experiment.full_compliance,
+        experiment.reference_points,
+        experiment.clamp_point,
+        experiment.inertia,
     )
     sound = all(
         a.shape == b and np.isfinite(a).all()
         for a, b in zip(arrays, shapes, strict=True)
     )
-    nodes = found.mesh.points
-    if not (sound and np.isfinite(nodes).all() and found.mesh.cells.max() < len(nodes)):
+    nodes = experiment.mesh.points
+    if not (
+        sound and np.isfinite(nodes).all() and experiment.mesh.cells.max() < len(nodes)
+    ):
         raise ValueError("expected finite numbers, as many as it has interfaces")
     if (
-        found.full_error.shape != shapes[0]
-        or not (np.diag(found.full_compliance) > 0.0).all()
+        experiment.full_error.shape != shapes[0]
+        or not (np.diag(experiment.full_compliance) > 0.0).all()
     ):
         raise ValueError("expected a part that yields, with bounds")
 

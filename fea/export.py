@@ -119,14 +119,16 @@ def write_superelement(experiment: Experiment, path: Path | str) -> list[Path]:
 
     ``path.npz`` also holds ``mode_squares``. Node 0 is the clamp.
     """
-    found = free_superelement(experiment)
+    superelement = free_superelement(experiment)
     text = SUPERELEMENT_HELP.format(
         part=experiment.part,
         interface=experiment.interface,
         modes=len(experiment.mode_squares),
-        nodes=node_lines(found.nodes, experiment.interfaces),
+        nodes=node_lines(superelement.nodes, experiment.interfaces),
     )
-    return write_matrices(found, path, text, mode_squares=experiment.mode_squares)
+    return write_matrices(
+        superelement, path, text, mode_squares=experiment.mode_squares
+    )
 
 
 def node_lines(nodes: Floats, names: Sequence[str]) -> str:
@@ -138,7 +140,7 @@ def node_lines(nodes: Floats, names: Sequence[str]) -> str:
 
 
 def write_matrices(
-    found: Superelement, path: Path | str, text: str, **arrays: Floats
+    superelement: Superelement, path: Path | str, text: str, **arrays: Floats
 ) -> list[Path]:
     """Write a superelement in formats for other codes; return the paths.
 
@@ -148,7 +150,7 @@ def write_matrices(
 
     Parameters
     ----------
-    found
+    superelement
         Superelement.
     path
         File path without suffix.
@@ -161,16 +163,18 @@ def write_matrices(
     base = base.with_suffix("") if base.suffix in (".npz", ".mtx") else base
     archive = base.with_name(base.name + ".npz")
     bulk = base.with_name(base.name + ".bdf")
-    matrices = {"stiffness": found.stiffness, "mass": found.mass}
+    matrices = {"stiffness": superelement.stiffness, "mass": superelement.mass}
     content: dict[str, Any] = {
-        "nodes": found.nodes,
+        "nodes": superelement.nodes,
         "help": np.array(text),
         **matrices,
         **arrays,
     }
     np.savez(archive, **content)
     bulk.write_text(
-        _write_dmig(found.stiffness, found.mass, found.nodes, text),
+        _write_dmig(
+            superelement.stiffness, superelement.mass, superelement.nodes, text
+        ),
         encoding="ascii",
         errors="replace",
     )

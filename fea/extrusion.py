@@ -208,14 +208,14 @@ def find_extrusion(surface: Surface, interfaces: frozenset[int]) -> Extrusion | 
         height = float(np.ptp(surface.vertices @ normal))
         if SHEET * reach < height < 0.9 * reach and not thin:
             continue
-        found = _find_along(surface, np.asarray(normal, dtype=float), interfaces)
-        if found is None:
+        extrusion = _find_along(surface, np.asarray(normal, dtype=float), interfaces)
+        if extrusion is None:
             continue
         if height <= SHEET * reach:
-            return found
-        needle = found.loops == 1 and np.sqrt(found.area) < 2 * NEEDLE * reach
-        if (needle and height >= 0.9 * reach) or has_thin_walls(surface, found):
-            return found
+            return extrusion
+        needle = extrusion.loops == 1 and np.sqrt(extrusion.area) < 2 * NEEDLE * reach
+        if (needle and height >= 0.9 * reach) or has_thin_walls(surface, extrusion):
+            return extrusion
     return None
 
 
@@ -226,26 +226,30 @@ def _is_thin(surface: Surface) -> bool:
     return plane <= PLANE * area and thinness(surface_volume(surface), area) > THIN
 
 
-def has_thin_walls(surface: Surface, found: Extrusion) -> bool:
+def has_thin_walls(surface: Surface, extrusion: Extrusion) -> bool:
     """Return whether an extrusion's walls are much thinner than its section's width and height."""
-    low, high = found.height
-    reach = min(high - low, float(np.ptp(found.corners, axis=0).max()))
-    return _is_thin(surface) and 5 * found.wall < reach
+    low, high = extrusion.height
+    reach = min(high - low, float(np.ptp(extrusion.corners, axis=0).max()))
+    return _is_thin(surface) and 5 * extrusion.wall < reach
 
 
-def _follow_walls(surface: Surface, found: Extrusion, project: Project) -> Extrusion:
+def _follow_walls(
+    surface: Surface, extrusion: Extrusion, project: Project
+) -> Extrusion:
     """Subdivide an extrusion's pieces on curved walls until they follow them within ``SAG``."""
-    corners = found.corners
-    borders = found.borders
-    walls = found.walls
+    corners = extrusion.corners
+    borders = extrusion.borders
+    walls = extrusion.walls
     curved = np.array([face.kind != "plane" for face in surface.faces])
-    middle = sum(found.height) / 2
+    middle = sum(extrusion.height) / 2
 
     def on_wall(points: Floats, wall: Ints) -> Floats:
-        raised = np.column_stack([points, np.full(len(points), middle)]) @ found.axes
-        for each in np.unique(wall):
-            raised[wall == each] = project(int(each), raised[wall == each])
-        return raised @ found.axes[:2].T
+        raised = (
+            np.column_stack([points, np.full(len(points), middle)]) @ extrusion.axes
+        )
+        for number in np.unique(wall):
+            raised[wall == number] = project(int(number), raised[wall == number])
+        return raised @ extrusion.axes[:2].T
 
     for _ in range(ROUNDS):
         ends = corners[borders]
@@ -253,7 +257,7 @@ def _follow_walls(surface: Surface, found: Extrusion, project: Project) -> Extru
         bent = np.flatnonzero((walls >= 0) & curved[walls])
         mids = ends[bent].mean(axis=1)
         gap[bent] = np.linalg.norm(on_wall(mids, walls[bent]) - mids, axis=1)
-        allowed = SAG * _thickness(ends, walls >= 0).clip(max=found.wall)
+        allowed = SAG * _thickness(ends, walls >= 0).clip(max=extrusion.wall)
         parts = np.ceil(np.sqrt(gap / allowed) - 0.05).clip(1, AROUND).astype(int)
         if (parts == 1).all():
             break
@@ -270,7 +274,7 @@ def _follow_walls(surface: Surface, found: Extrusion, project: Project) -> Extru
         corners = np.vstack([corners, places])
         borders = np.column_stack([start, stop])
         walls = walls[piece]
-    return replace(found, corners=corners, borders=borders, walls=walls)
+    return replace(extrusion, corners=corners, borders=borders, walls=walls)
 
 
 def _thickness(ends: Floats, walls: NDArray[np.bool_]) -> Floats:
@@ -380,18 +384,18 @@ def _face_levels(
     )
     levels = np.full(len(surface.faces), -1)
     for face in range(len(surface.faces)):
-        mine = surface.face_of_triangle == face
+        of_face = surface.face_of_triangle == face
         on = (
-            np.abs(along[surface.triangles[mine]][..., None] - heights) < near
+            np.abs(along[surface.triangles[of_face]][..., None] - heights) < near
         )  # (t, 3, 2)
-        if not mine.any():
+        if not of_face.any():
             return None
         if on.all(axis=(0, 1)).any():
             levels[face] = np.argmax(on.all(axis=(0, 1)))
         elif (
             on.any(axis=(0, 1)).all()
             and on.any(axis=2).all()
-            and cosine[mine].max() < UPRIGHT
+            and cosine[of_face].max() < UPRIGHT
         ):
             levels[face] = 2
         else:

@@ -332,7 +332,7 @@ def _check_surface(surface: Surface, size: float, envelope: float) -> None:
         raise MeshError("mesh: the surface's triangles name vertices that do not exist")
     sides = triangles[:, SIDES].reshape(-1, 2)
     keys, mirrored = (
-        np.sort(each @ [len(vertices), 1]) for each in (sides, sides[:, ::-1])
+        np.sort(directed @ [len(vertices), 1]) for directed in (sides, sides[:, ::-1])
     )
     if not np.array_equal(keys, mirrored):
         raise MeshError("mesh: the surface is not closed; the solid must be watertight")

@@ -63,12 +63,12 @@ def lowest_modes(
     for _ in range(LIMIT):
         squares, turn = ritz(_inner(blocks, 1), _inner(blocks, 2), start.shape[1])
         sizes = np.cumsum([block[0].shape[1] for block in blocks])
-        own, *others = np.split(turn, sizes[:-1])
+        rotations, *others = np.split(turn, sizes[:-1])
         former = [
             sum((b[k] @ t for b, t in zip(blocks[1:], others, strict=True)), start=0.0)
             for k in range(3)
         ]
-        modes, pushed, moved = (blocks[0][k] @ own + former[k] for k in range(3))
+        modes, pushed, moved = (blocks[0][k] @ rotations + former[k] for k in range(3))
         residual = pushed - moved * squares
         step = precondition(residual)
         left = np.einsum("ij,ij->j", residual, step) > tolerance * squares
@@ -107,11 +107,11 @@ def ritz(stiffness: Floats, mass: Floats, count: int) -> tuple[Floats, Floats]:
     """
     scale = 1 / np.sqrt(mass.diagonal())
     lengths, directions = np.linalg.eigh(mass * np.outer(scale, scale))
-    kept = lengths > DEPENDENT * lengths[-1]
-    basis = scale[:, None] * directions[:, kept] / np.sqrt(lengths[kept])
+    independent = lengths > DEPENDENT * lengths[-1]
+    basis = scale[:, None] * directions[:, independent] / np.sqrt(lengths[independent])
     held = basis.T @ stiffness @ basis
     squares, turn = eigh(
-        (held + held.T) / 2, subset_by_index=(0, min(count, kept.sum()) - 1)
+        (held + held.T) / 2, subset_by_index=(0, min(count, independent.sum()) - 1)
     )
     return squares, basis @ turn
 

@@ -53,11 +53,11 @@ def fill_section(
     """
     outline = corners[borders[walls]]
     points, borders, seeds = _cut_borders(corners, borders, sizes, coarse)
-    own = _lengths(points, borders)
+    border_sizes = _lengths(points, borders)
     inner = _place_inside(
         outline,
         points[borders].mean(axis=1),
-        own,
+        border_sizes,
         lambda at: np.minimum(coarse, seeds(at)),
         coarse,
     )
@@ -85,9 +85,11 @@ def _cut_borders(
 ) -> tuple[Floats, Ints, Callable[[Floats], Floats]]:
     """Cut border pieces until none is longer than the local size; also return the size function."""
     ends = corners[borders]
-    own = _lengths(corners, borders)
-    apart = np.minimum(sizes, np.maximum(own, sizes.min()))
-    piece, share = subdivide(np.clip(np.ceil(own / apart), 1, SEEDS).astype(int))
+    border_sizes = _lengths(corners, borders)
+    apart = np.minimum(sizes, np.maximum(border_sizes, sizes.min()))
+    piece, share = subdivide(
+        np.clip(np.ceil(border_sizes / apart), 1, SEEDS).astype(int)
+    )
     share = (share + 0.5 / np.bincount(piece)[piece])[:, None]
     places = (1 - share) * ends[piece, 0] + share * ends[piece, 1]
     near = apart[piece]
@@ -116,15 +118,15 @@ def subdivide(parts: Ints) -> tuple[Ints, Floats]:
 
 
 def _halve(
-    points: Floats, borders: Ints, some: NDArray[np.bool_]
+    points: Floats, borders: Ints, marked: NDArray[np.bool_]
 ) -> tuple[Floats, Ints]:
-    new = len(points) + np.arange(some.sum())
+    new = len(points) + np.arange(marked.sum())
     halves = (
-        np.column_stack([borders[some, 0], new]),
-        np.column_stack([new, borders[some, 1]]),
+        np.column_stack([borders[marked, 0], new]),
+        np.column_stack([new, borders[marked, 1]]),
     )
-    return np.vstack([points, points[borders[some]].mean(axis=1)]), np.vstack(
-        [borders[~some], *halves]
+    return np.vstack([points, points[borders[marked]].mean(axis=1)]), np.vstack(
+        [borders[~marked], *halves]
     )
 
 

@@ -85,16 +85,16 @@ def part_sensitivity(
         moves, notes = _moves(experiment.mesh, part, dimensions)
         moved = time.perf_counter()
         forms = Forms(levels, experiment, settings, tuple(moves.values()))
-        found = {
+        derivatives = {
             name: forms.of_dimension(k, dimensions[name][0])
             for k, name in enumerate(moves)
         }
-        found |= _of_material(forms, part.material)
+        derivatives |= _of_material(forms, part.material)
         if settings.foundation is not None:
-            found["foundation"] = forms.of_foundation()
+            derivatives["foundation"] = forms.of_foundation()
     seconds = {"solve": solved - began, "velocities": moved - solved}
     seconds["derivatives"] = time.perf_counter() - moved
-    return PartSensitivity(part.name, found, notes, seconds)
+    return PartSensitivity(part.name, derivatives, notes, seconds)
 
 
 def _moves(
@@ -136,7 +136,7 @@ def _places(part: Part) -> tuple[Floats, Floats]:
 
 def _of_material(forms: Forms, material: AnyMaterial) -> dict[str, Derivative]:
     """Return derivatives by each elastic constant of the material, and by its density."""
-    found = {}
+    derivatives = {}
     for name in (
         field.name for field in dataclasses.fields(material) if field.name in CONSTANTS
     ):
@@ -146,7 +146,9 @@ def _of_material(forms: Forms, material: AnyMaterial) -> dict[str, Derivative]:
             dataclasses.replace(material, **{name: value + change})
             for change in (step, -step)
         )
-        above, below = (each.elasticity() for each in near)
+        above, below = (state.elasticity() for state in near)
         unit = "1" if name in RATIOS else "Pa"
-        found[name] = forms.of_elasticity((above - below) / (2 * step), value, unit)
-    return {**found, "density": forms.of_density(material.density)}
+        derivatives[name] = forms.of_elasticity(
+            (above - below) / (2 * step), value, unit
+        )
+    return {**derivatives, "density": forms.of_density(material.density)}

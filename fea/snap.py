@@ -140,8 +140,14 @@ def _on_faces(points: Floats, nodes: Ints, tags: Ints, target: Target) -> Floats
     moved = points.copy()
     places = np.bincount(node, minlength=len(points))
     for sharing in range(1, int(places.max()) + 1):
-        mine = places[node] == sharing
-        alternate(moved, node[mine], place[mine], target, 1 if sharing == 1 else ROUNDS)
+        of_group = places[node] == sharing
+        alternate(
+            moved,
+            node[of_group],
+            place[of_group],
+            target,
+            1 if sharing == 1 else ROUNDS,
+        )
     far = np.linalg.norm(moved - points, axis=1) > target.size
     if far.any():
         what = "%d boundary nodes have faces that do not meet near them; left in place"
@@ -184,9 +190,7 @@ def _balance(nodes: Floats, facets: Ints, tags: Ints, target: Target) -> Floats:
     per_mid = np.repeat(gaps, 3, axis=0)
     pairs = np.unique(mids * (tags.max() + 1) + np.repeat(tags, 3)) // (tags.max() + 1)
     one_face = (np.bincount(pairs, minlength=len(nodes)) == 1)[:, None]
-    shift = np.stack(
-        [np.bincount(mids, each, len(nodes)) for each in per_mid.T], axis=1
-    )
+    shift = np.stack([np.bincount(mids, end, len(nodes)) for end in per_mid.T], axis=1)
     sharing = np.bincount(mids, minlength=len(nodes)).clip(min=1)[:, None]
     return nodes + np.where(one_face, shift / sharing, 0)
 
@@ -233,9 +237,9 @@ def alternate(
     """
     for _ in range(rounds):
         steps = np.zeros(len(node))
-        for each in np.unique(place):
-            here = place == each
-            closest = target.project(int(each), points[node[here]])
+        for number in np.unique(place):
+            here = place == number
+            closest = target.project(int(number), points[node[here]])
             steps[here] = np.linalg.norm(closest - points[node[here]], axis=1)
             points[node[here]] = closest
         moving = np.isin(node, node[steps >= 1e-9 * target.size])

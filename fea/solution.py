@@ -191,7 +191,7 @@ class Solution:
         """
         combine = np.eye(len(self.cubic)) if loads is None else loads
         matrices = self.cubic, self.gain, self.at_edges
-        cubic, gain, at_edges = (combine.T @ each @ combine for each in matrices)
+        cubic, gain, at_edges = (combine.T @ matrix @ combine for matrix in matrices)
         specimen = self.system.specimen
         mesh = self.system.mesh
         remaining = AT_EDGES * at_edges + other * gain
@@ -355,9 +355,9 @@ def _geometry_bound(specimen: Specimen, mesh: TetMesh, compliance: Floats) -> Fl
 
     Misplaced interfaces couple entries that symmetry decouples, far more than a wrong volume.
     """
-    own = compliance.diagonal()
+    diagonal = compliance.diagonal()
     size = np.abs(compliance)
-    scale = np.sqrt(np.outer(own, own))
+    scale = np.sqrt(np.outer(diagonal, diagonal))
     area, shift = interface_error(specimen, mesh)
     body = (geometric_error(specimen, mesh) + area) * np.maximum(size, 1e-3 * scale)
     return 3 * (body + shift * np.maximum(size, 0.3 * scale))

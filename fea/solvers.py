@@ -75,7 +75,7 @@ def in_portions(work: Callable[..., Floats]) -> Callable[..., Floats]:
         count = min(-(-columns[0].nbytes // PORTION), columns[0].shape[1])
         if count < 2:
             return work(*columns)
-        portions = [np.array_split(each, count, axis=1) for each in columns]
+        portions = [np.array_split(column, count, axis=1) for column in columns]
         return np.hstack([work(*some) for some in zip(*portions, strict=True)])
 
     return work_on

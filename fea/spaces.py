@@ -84,7 +84,7 @@ def tabulate(at: Floats) -> tuple[Floats, Floats]:
     """Return values (q, 20) and gradients (3, q, 20) of the quadratic, then the cubic functions."""
     elements = ElementTetP2(), ElementTetCubic()
     values, slopes = zip(
-        *(each.lbasis(at, i) for each in elements for i in range(10)), strict=True
+        *(element.lbasis(at, i) for element in elements for i in range(10)), strict=True
     )
     return np.stack(values, axis=1), np.stack(slopes, axis=2)
 
@@ -114,9 +114,9 @@ def integrate_cells(
         zip(_groups(mesh), rules, strict=True)
     ):
         for start in range(0, len(chosen), size):
-            some = chosen[start : start + size]
-            volumes = np.abs(mapping.detDF(at, tind=some)) * weights
-            yield some, number, mapping.invDF(at, tind=some), volumes
+            cells = chosen[start : start + size]
+            volumes = np.abs(mapping.detDF(at, tind=cells)) * weights
+            yield cells, number, mapping.invDF(at, tind=cells), volumes
 
 
 def sum_matrix(places: Ints, count: int) -> csr_array:
@@ -131,9 +131,9 @@ def cell_bases(
     """Yield bases of straight-sided and of curved elements, with these quadrature orders, in chunks."""
     for (chosen, mapping), order in zip(_groups(mesh), (straight, curved), strict=True):
         for start in range(0, len(chosen), CHUNK):
-            some = chosen[start : start + CHUNK]
+            cells = chosen[start : start + CHUNK]
             options = {"intorder": order, "disable_doflocs": True}
-            yield Basis(mesh.grid, element, mapping=mapping, elements=some, **options)
+            yield Basis(mesh.grid, element, mapping=mapping, elements=cells, **options)
 
 
 def face_basis(

@@ -232,8 +232,8 @@ def cure_of(specimen: Specimen, size: float | None = None) -> str:
     """Return advice for fewer elements: a larger size (m), or no small holes if they dominate."""
     size = size or default_size(specimen.volume, specimen.area, specimen.flatness)
     fewer, count = (
-        expected_elements(specimen.surface, specimen.volume, each)
-        for each in (COARSEST * size, size)
+        expected_elements(specimen.surface, specimen.volume, length)
+        for length in (COARSEST * size, size)
     )
     if fewer < 0.6 * count:
         larger = f"{1e3 * COARSEST * size:.2g} mm"
@@ -312,8 +312,8 @@ def interface_error(specimen: Specimen, mesh: TetMesh) -> tuple[float, float]:
         )
         if lost > LOST * wanted:
             return np.inf, np.inf
-        found = centroid(mesh.points[mesh.facets_of(interface)])
-        shift = np.linalg.norm(found - centroid_of(faces)) / np.sqrt(wanted)
+        centre = centroid(mesh.points[mesh.facets_of(interface)])
+        shift = np.linalg.norm(centre - centroid_of(faces)) / np.sqrt(wanted)
         worst = np.maximum(worst, [abs(areas[numbers].sum() / wanted - 1), shift])
     return float(worst[0]), float(worst[1])
 

@@ -121,9 +121,9 @@ def _read_matrix_market(path: Path) -> Read:
 def _dense(path: Path) -> Floats:
     rows, columns, _, _, kind, _ = mminfo(path)
     _check_matrix((rows, columns), kind)
-    found: Any = mmread(path)
+    matrix: Any = mmread(path)
     return np.asarray(
-        found.toarray() if hasattr(found, "toarray") else found, dtype=np.float64
+        matrix.toarray() if hasattr(matrix, "toarray") else matrix, dtype=np.float64
     )
 
 
@@ -152,7 +152,9 @@ def _read_dmig(path: Path) -> Read:
     place, named = {point: k for k, point in enumerate(order)}, _named_places(text, "$")
 
     def matrix(first: str) -> Floats | None:
-        name = next((each for each in entries if each.upper().startswith(first)), None)
+        name = next(
+            (entry for entry in entries if entry.upper().startswith(first)), None
+        )
         if name is None:
             return None
         out = np.zeros((len(order), len(order)))
@@ -178,7 +180,7 @@ def _cards(text: str) -> Iterator[list[str]]:
             continue
         wide = "*" in line[:8]
         if "," in line:
-            first, *fields = (each.strip() for each in line.split(","))
+            first, *fields = (word.strip() for word in line.split(","))
         else:
             first = line[:8].strip()
             size = 16 if wide else 8
@@ -204,10 +206,10 @@ def _number(text: str) -> float:
 
 def _named_places(text: str, mark: str = "") -> dict[str, tuple[float, ...]]:
     """Return names and places from the lines, beginning with a mark, after "Nodes, x y z in m:"."""
-    found: dict[str, tuple[float, ...]] = {}
+    named_places: dict[str, tuple[float, ...]] = {}
     comment = "\n".join(line for line in text.splitlines() if line.startswith(mark))
     for line in comment.partition("Nodes, x y z in m:")[2].splitlines():
         node = _NODE.match(line)
         if node is not None:
-            found[node[2]] = tuple(float(each) for each in node.groups()[2:])
-    return found
+            named_places[node[2]] = tuple(float(group) for group in node.groups()[2:])
+    return named_places

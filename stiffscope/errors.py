@@ -162,6 +162,6 @@ def suggest(word: str, valid: Iterable[str], cutoff: float = 0.6) -> str:
 
     Capital and small letters are the same.
     """
-    known = {each.casefold(): each for each in valid}
+    known = {candidate.casefold(): candidate for candidate in valid}
     close = difflib.get_close_matches(word.casefold(), known, n=1, cutoff=cutoff)
     return f'; did you mean "{known[close[0]]}"?' if close else ""

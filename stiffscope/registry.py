@@ -75,27 +75,27 @@ class Slice:
 @cache
 def slices() -> dict[str, Slice]:
     """Return what the slices register, by name of the slice."""
-    found = {}
+    by_name = {}
     for package in iter_modules([str(Path(__file__).parent)]):
         name = f"stiffscope.{package.name}.slice"
         if package.ispkg and find_spec(name) is not None:
-            found[package.name] = import_module(name).SLICE
-    return found
+            by_name[package.name] = import_module(name).SLICE
+    return by_name
 
 
 @cache
 def commands() -> dict[str, Command]:
     """Return all commands by name, in the order of the help."""
     ordered = sorted(slices().values(), key=lambda each: each.rank)
-    found = [command for each in ordered for command in each.commands]
-    found.sort(key=lambda command: SUBJECTS.index(command.subject))
-    return {command.name: command for command in found}
+    listed = [command for provider in ordered for command in provider.commands]
+    listed.sort(key=lambda command: SUBJECTS.index(command.subject))
+    return {command.name: command for command in listed}
 
 
 def registered(kind: str) -> Iterator[Any]:
     """Import and yield what every slice registers of a kind: `doubts` or `pictures`."""
-    for each in slices().values():
-        reference = getattr(each, kind)
+    for provider in slices().values():
+        reference = getattr(provider, kind)
         if reference:
             yield load(reference)
 
@@ -104,8 +104,8 @@ def sections_of(kind: str) -> dict[str, Any]:
     """Return the schemas of the sections that slices add to a kind of file, by name."""
     return {
         name: load(reference)
-        for each in slices().values()
-        for of, name, reference in each.sections
+        for provider in slices().values()
+        for of, name, reference in provider.sections
         if of == kind
     }
 

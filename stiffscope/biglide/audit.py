@@ -66,11 +66,13 @@ def findings_on_paper(robot: RobotFile, solid: np.ndarray | None) -> list[Findin
     beam = beam_compliance(
         robot, "slider", lambda n, of, *e: euler_bernoulli(n, polar(of), *e)
     )
-    found = compliance_findings("Eq. (29)", matrices["slider"].compliance, beam, solid)
+    findings = compliance_findings(
+        "Eq. (29)", matrices["slider"].compliance, beam, solid
+    )
     printed = read_published("stiffness")
     for source, point in (("Eq. (30a)", "P1"), ("Eq. (30b)", "P2")):
         matrix = np.array(printed[point]["stiffness"]) * printed["unit"]
-        found += matrix_findings(
+        findings += matrix_findings(
             model, source, math.radians(printed[point]["q_deg"]), matrix
         )
     principal = read_published("principal_stiffness")
@@ -80,12 +82,14 @@ def findings_on_paper(robot: RobotFile, solid: np.ndarray | None) -> list[Findin
         rows: dict[str, Sequence[float]] = {
             row: [value * principal["unit"] for value in table[row]] for row in _ROWS
         }
-        found += principal_findings(model, source, math.radians(table["q_deg"]), rows)
+        findings += principal_findings(
+            model, source, math.radians(table["q_deg"]), rows
+        )
         percent = {
             row: values[point] for row, values in principal["rms_percent"].items()
         }
         rms += rms_findings(point, percent, rows)
-    return found + rms
+    return findings + rms
 
 
 def principal_findings(

@@ -41,6 +41,8 @@ def audit(*, output: Output) -> None:
 
     def show() -> None:
         for source, title in GROUPS.items():
-            show_findings(title, [each for each in findings if each.source == source])
+            show_findings(
+                title, [finding for finding in findings if finding.source == source]
+            )
 
     emit(output, [dataclasses.asdict(finding) for finding in findings], show)

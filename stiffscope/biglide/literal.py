@@ -80,9 +80,9 @@ def literal_stiffness(
 
     Raises InputError for a pose out of reach.
     """
-    found = configure(mechanism, poses).require_valid()
-    order = find_order(mechanism, found.linkage)
-    where = place_nodes(found)
+    configurations = configure(mechanism, poses).require_valid()
+    order = find_order(mechanism, configurations.linkage)
+    where = place_nodes(configurations)
     softened = replace(where, rigid=False)
     for e in order.elements:
         if e.name not in behind:

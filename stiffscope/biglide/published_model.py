@@ -77,8 +77,10 @@ class PublishedModel:
         """
         parallelogram = self._parallelogram(q)
         values, vectors = np.linalg.eigh(parallelogram)
-        kept = values > 1e-9 * values[-1]
-        compliance = (vectors[:, kept] / values[kept]) @ vectors[:, kept].T
+        significant = values > 1e-9 * values[-1]
+        compliance = (vectors[:, significant] / values[significant]) @ vectors[
+            :, significant
+        ].T
         whole = np.zeros((6, 6))
         along_x, along_y = np.eye(6)[:2]
         for i, side in SIDES.items():

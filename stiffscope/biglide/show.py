@@ -22,11 +22,12 @@ def show_findings(title: str, findings: Sequence[Finding]) -> None:
         ("verdict",),
     )
     rows = []
-    for each in findings:
+    for finding in findings:
         numbers = map(
-            _number, (each.published, each.as_published, each.correct, each.bound)
+            _number,
+            (finding.published, finding.as_published, finding.correct, finding.bound),
         )
-        rows.append((each.entry, *numbers, each.verdict))
+        rows.append((finding.entry, *numbers, finding.verdict))
     show_table(title, groups, rows, prose=("verdict",))
 
 

@@ -40,13 +40,13 @@ def takes(*options: Callable[..., Any]) -> Callable[..., Any]:
             **given: Any,
         ) -> Any:
             output = Output(json, out, quiet)
-            texts = [each for each in given.values() if isinstance(each, str | Path)]
+            texts = [value for value in given.values() if isinstance(value, str | Path)]
             output.check_folder(
                 out,
-                *(Path(each) for each in texts if os.path.isfile(each)),  # noqa: PTH113 (a text may be no path at all)
+                *(Path(text) for text in texts if os.path.isfile(text)),  # noqa: PTH113 (a text may be no path at all)
             )
             opened.clear()
-            opened.update(os.path.realpath(each) for each in texts)
+            opened.update(os.path.realpath(text) for text in texts)
             output.check_json()
             return command(output=output, **given)
 

@@ -155,22 +155,22 @@ def warn_of_parts(results: Iterable[PartResult]) -> None:
             log.warning("%s: %s", result.name, result.note)
 
 
-def warn_of_robot(made: Assembled, *, parts: bool = True) -> None:
+def warn_of_robot(assembled: Assembled, *, parts: bool = True) -> None:
     """Log unmet tolerances, doubtful parts, and each `--set` without effect on a published matrix."""
     if parts:
-        warn_of_parts(made.results.values())
-    for remark in doubt_parts(made.robot):
-        log.warning("%s: %s", made.robot.path, remark)
-    for doubt in (d for find in registered("doubts") for d in find(made.robot)):
+        warn_of_parts(assembled.results.values())
+    for remark in doubt_parts(assembled.robot):
+        log.warning("%s: %s", assembled.robot.path, remark)
+    for doubt in (d for find in registered("doubts") for d in find(assembled.robot)):
         if doubt.warning:
             log.warning("%s is %s", ", ".join(doubt.solids), doubt.text)
-    for (room, name, *field), text in made.robot.source.changed.items():
+    for (room, name, *field), text in assembled.robot.source.changed.items():
         printed = room == "parts" and getattr(
-            made.robot.parts.get(str(name)), "published", None
+            assembled.robot.parts.get(str(name)), "published", None
         )
         if (
             printed
-            and made.sources.get(str(name)) == "published"
+            and assembled.sources.get(str(name)) == "published"
             and field != ["compliance"]
         ):
             message = (

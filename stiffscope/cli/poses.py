@@ -53,16 +53,16 @@ def find_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> As
     names = tuple(joints or at or robot.poses)
     mechanism = rigid_mechanism(robot)
     if joints:
-        found = configure_drives(
+        configurations = configure_drives(
             mechanism, [_displacements(robot, text) for text in joints]
         )
     else:
-        found = configured_poses(
+        configurations = configured_poses(
             robot, mechanism, [_coordinates(robot, text) for text in names]
         )
     for index, name in enumerate(names):
-        if not found.valid[index]:
-            reason = found.refusal(index)
+        if not configurations.valid[index]:
+            reason = configurations.refusal(index)
             if name in robot.poses and not (at or joints):
                 raise robot.refuse(("poses", name), reason)
             bare = name not in robot.known_poses and not re.search(r"\d *[a-z]", name)
@@ -71,7 +71,7 @@ def find_poses(robot: RobotFile, at: Sequence[str], joints: Sequence[str]) -> As
     note = "" if joints else start_note(mechanism)
     if note:
         log.warning("%s", note)
-    return Asked(names, found)
+    return Asked(names, configurations)
 
 
 def _coordinates(robot: RobotFile, text: str) -> tuple[float, ...]:
@@ -91,9 +91,9 @@ def _displacements(robot: RobotFile, text: str) -> list[float]:
     drives = robot.drives()
     given: dict[str, float] = {}
     for word in text.split(","):
-        name, equals, value = (each.strip() for each in word.partition("="))
+        name, equals, value = (piece.strip() for piece in word.partition("="))
         spellings = (name, f"joints.{name}", name.removeprefix("joints."))
-        name = next((each for each in spellings if each in drives), name)
+        name = next((spelling for spelling in spellings if spelling in drives), name)
         form = f'DRIVE=POSITION,… such as "{" ".join(drives[:1])}=10 mm"'
         require(equals, f"--joints {text}", form, f'"{word}"')
         if name not in drives or name in given:

@@ -82,12 +82,12 @@ def sensitivity(
         order = order_part(robot, part)
         with open_workshop(output) as shop:
             (result,) = solve_parts([order], shop)
-            (found,) = part_sensitivities([order], shop)
+            (sensitivities,) = part_sensitivities([order], shop)
         warn_of_parts([result])
-        answer = report.part_json(found, result)
-        show = partial(report.show_part_sensitivity, found, result)
-        draw = partial(report.draw_part, found, result)
-        title = f"{robot.name}: what changes the {found.part}'s compliance"
+        answer = report.part_json(sensitivities, result)
+        show = partial(report.show_part_sensitivity, sensitivities, result)
+        draw = partial(report.draw_part, sensitivities, result)
+        title = f"{robot.name}: what changes the {sensitivities.part}'s compliance"
         words = "bars of what changes each diagonal entry of the compliance, % per %, with bounds"
     else:
         asked = find_poses(robot, poses, ())
@@ -153,21 +153,21 @@ def study(
     try:
         on: Any = {"workers": processors(), "scheduler": scheduler}
         with progress(quiet=output.quiet) as open_line:
-            found = run_study(
+            result = run_study(
                 file, store, open_line("study"), **on, part=share or WHOLE
             )
     except (KeyboardInterrupt, Stopped) as error:
         count = Journal(file, store).count()
         if not count:
             raise
-        kept = f"{count} finished designs are kept in {store}"
-        raise Stopped(f"stopped; {kept}, the same command goes on") from error
-    _emit_study(found, output, manifest, [store])
+        progress_note = f"{count} finished designs are kept in {store}"
+        raise Stopped(f"stopped; {progress_note}, the same command goes on") from error
+    _emit_study(result, output, manifest, [store])
     if not remove_copied(store, out, f"{DESIGNS}/"):
         log.warning("%s: holds files that %s does not; they stay there", store, out)
-    reason = found.designs.reasons.get(0, "")
+    reason = result.designs.reasons.get(0, "")
     require(
-        share is not None or not found.outcomes.failed.all(),
+        share is not None or not result.outcomes.failed.all(),
         file.path,
         "a design that can be computed",
         f"none; the first: {reason}",
@@ -194,7 +194,7 @@ def _merge(places: tuple[Path, ...], output: Output) -> None:
 
 
 def _emit_study(
-    found: Study, output: Output, manifest: Manifest, stores: Sequence[Path]
+    completed: Study, output: Output, manifest: Manifest, stores: Sequence[Path]
 ) -> None:
     def fill(folder: Path) -> None:
         (folder / DESIGNS).mkdir()
@@ -202,28 +202,30 @@ def _emit_study(
             for journal in sorted(store.glob(f"*{SUFFIX}")):
                 with (folder / DESIGNS / journal.name).open("ab") as target:
                     target.write(journal.read_bytes())
-        study_report.write_study(found, folder)
-        _write_robots(found, folder, output.required_folder())
+        study_report.write_study(completed, folder)
+        _write_robots(completed, folder, output.required_folder())
 
     emit(
         output,
-        partial(study_report.study_json, found),
-        partial(study_report.show_study, found),
+        partial(study_report.study_json, completed),
+        partial(study_report.show_study, completed),
         manifest=manifest,
         fill=fill,
-        page=partial(study_report.write_study_page, found),
+        page=partial(study_report.write_study_page, completed),
     )
 
 
-def _write_robots(found: Study, folder: Path, out: Path) -> None:
+def _write_robots(completed: Study, folder: Path, out: Path) -> None:
     """Write robot files of the best designs, best-1.toml etc.; of a long front only a selection."""
-    if not found.file.goals:
+    if not completed.file.goals:
         return
-    for number, k in enumerate(pick_evenly(len(found.best), MOST_FILES), 1):
-        index = found.best[k]
+    for number, k in enumerate(pick_evenly(len(completed.best), MOST_FILES), 1):
+        index = completed.best[k]
         file = f"best-{number}.toml"
-        head = f"# Design {index + 1} of {found.file.path.name}\n"
+        head = f"# Design {index + 1} of {completed.file.path.name}\n"
         text = tomlkit.dumps(
-            robot_document(found.robot(index), out / file, found.file.components)
+            robot_document(
+                completed.robot(index), out / file, completed.file.components
+            )
         )
         (folder / file).write_text(head + text, encoding="utf-8")

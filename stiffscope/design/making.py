@@ -104,14 +104,15 @@ class Journal:
         with open_file(self.path, "designs of a study", MOST_BYTES) as stream:
             for line in stream:
                 try:
-                    values, found, reason, seconds = json.loads(line)
+                    values, design, reason, seconds = json.loads(line)
                     if (
                         len(values) == variables
-                        and len(found) == responses
+                        and len(design) == responses
                         and {*values}
                     ):  # hashable
                         numbers = tuple(
-                            math.nan if each is None else float(each) for each in found
+                            math.nan if response is None else float(response)
+                            for response in design
                         )
                         yield Design(
                             tuple(values), numbers, str(reason), float(seconds)
@@ -129,7 +130,9 @@ class Journal:
 
     def add(self, design: Design) -> None:
         """Append a design with a single write."""
-        numbers = [None if math.isnan(each) else each for each in design.responses]
+        numbers = [
+            None if math.isnan(response) else response for response in design.responses
+        ]
         self._write([design.values, numbers, design.reason, round(design.seconds, 6)])
 
     def _name(self) -> str:
@@ -147,8 +150,8 @@ class Journal:
             self._stream = self.path.open("ab", buffering=0)
             if not self._stream.tell():
                 columns = [
-                    each.column
-                    for each in (*self._file.variables, *self._file.responses)
+                    variable.column
+                    for variable in (*self._file.variables, *self._file.responses)
                 ]
                 self._write({"study": self._name(), "columns": columns})
             else:
@@ -250,10 +253,10 @@ def make_design(file: StudyFile, values: Values | None) -> Design:
     begun = time.perf_counter()
     again = False
     reason = ""
-    found = file.no_responses
+    responses = file.no_responses
     with _alone, threadpool_limits(1):  # the same order of summation on any machine
         try:
-            found = _respond(file, values)
+            responses = _respond(file, values)
         except InputError as error:
             reason = str(error)
         except Exception as error:  # noqa: BLE001
@@ -261,7 +264,7 @@ def make_design(file: StudyFile, values: Values | None) -> Design:
             reason = f"{type(error).__name__}: {error}"
     return Design(
         values or (),
-        found,
+        responses,
         " ".join(reason.split()),
         time.perf_counter() - begun,
         again,
@@ -270,13 +273,13 @@ def make_design(file: StudyFile, values: Values | None) -> Design:
 
 def _follow_path(job: Job, assembled: Assembled, asked: set[str]) -> dict[str, Array]:
     """Return the quantities of `ALONG_PATH` that are asked for, at each point of a path."""
-    found = dict[str, np.ndarray]()
+    along_path = dict[str, np.ndarray]()
     if asked - {CRITICAL}:
         state = along(job, assembled)
-        found |= {"error": state.size, **state.parts}
+        along_path |= {"error": state.size, **state.parts}
     if CRITICAL in asked:
-        found[CRITICAL] = critical_along(job, assembled)
-    return found
+        along_path[CRITICAL] = critical_along(job, assembled)
+    return along_path
 
 
 def _respond(file: StudyFile, values: Values | None) -> tuple[float, ...]:
@@ -301,9 +304,11 @@ def _respond(file: StudyFile, values: Values | None) -> tuple[float, ...]:
         }
         known[job] = _follow_path(replace(job, robot=robot), assembled, asked)
     if names:
-        found = configure(assembled.mechanism, file.poses_of(robot)).require_valid()
+        configurations = configure(
+            assembled.mechanism, file.poses_of(robot)
+        ).require_valid()
         known[None] = quantities(
-            names, assembled.mechanism, found, assembled.matrices, mass
+            names, assembled.mechanism, configurations, assembled.matrices, mass
         )
     answers = tuple(response.value(known[response.job]) for response in file.responses)
     for response, value in zip(file.responses, answers, strict=True):

@@ -30,9 +30,11 @@ class Outcomes:
     violations: Array
     failed: Flags
 
-    def __getitem__(self, some: Any) -> Outcomes:
+    def __getitem__(self, index: Any) -> Outcomes:
         """Return the outcomes of selected designs."""
-        return Outcomes(self.objectives[some], self.violations[some], self.failed[some])
+        return Outcomes(
+            self.objectives[index], self.violations[index], self.failed[index]
+        )
 
     @property
     def excess(self) -> Array:
@@ -58,15 +60,17 @@ def find_front(outcomes: Outcomes) -> Indices:
 
     They are sorted by the first objective; without objectives there are none.
     """
-    some = np.flatnonzero(outcomes.feasible)
-    if not outcomes.objectives.shape[1] or not some.size:
+    feasible = np.flatnonzero(outcomes.feasible)
+    if not outcomes.objectives.shape[1] or not feasible.size:
         return np.zeros(0, dtype=np.int64)
-    values, equal = np.unique(outcomes.objectives[some], axis=0, return_inverse=True)
+    values, equal = np.unique(
+        outcomes.objectives[feasible], axis=0, return_inverse=True
+    )
     left = np.arange(len(values))
     chosen = np.zeros(len(values), dtype=bool)
     while left.size:  # the first one in this order is not dominated
         chosen[left[0]] = True
         left = left[(values[left] < values[left[0]]).any(axis=1)]
     equal = equal.reshape(-1)
-    kept = np.flatnonzero(chosen[equal])
-    return some[kept[np.argsort(equal[kept], kind="stable")]]
+    nondominated = np.flatnonzero(chosen[equal])
+    return feasible[nondominated[np.argsort(equal[nondominated], kind="stable")]]

@@ -74,15 +74,20 @@ class Response:
 
 def _entries() -> dict[str, tuple[str, int, int, str]]:
     """Return matrix, row, column and unit of the entries of K and C by name."""
-    found = {}
+    entries = {}
     for i, name in enumerate(DIAGONAL):
-        found[name] = ("K", i, i, _ENTRY["K"][i // 3][i // 3])
+        entries[name] = ("K", i, i, _ENTRY["K"][i // 3][i // 3])
     for matrix, units in _ENTRY.items():
         for i in range(6):
             for j in range(6):
-                found[f"{matrix}{i + 1}{j + 1}"] = (matrix, i, j, units[i // 3][j // 3])
+                entries[f"{matrix}{i + 1}{j + 1}"] = (
+                    matrix,
+                    i,
+                    j,
+                    units[i // 3][j // 3],
+                )
     short = zip(COORDINATES, DIAGONAL, strict=True)
-    return found | {f"k{axis}": found[name] for axis, name in short}
+    return entries | {f"k{axis}": entries[name] for axis, name in short}
 
 
 ENTRIES = _entries()
@@ -128,7 +133,7 @@ def of_modes(quantity: str) -> bool:
 def quantities(
     names: Collection[str],
     mechanism: Mechanism,
-    found: Configurations,
+    configurations: Configurations,
     parts: Mapping[str, PartMatrix],
     mass: float,
 ) -> dict[str, np.ndarray]:
@@ -136,24 +141,24 @@ def quantities(
 
     Parameters
     ----------
-    names, mechanism, found
+    names, mechanism, configurations
         Names of the quantities, and mechanism with its n configurations.
     parts, mass
         The parts' matrices by name, and mass of the robot's solids, kg.
     """
-    n = len(found)
+    n = len(configurations)
     out: dict[str, np.ndarray] = {}
     wanted = {ENTRIES[name][0] for name in names if name in ENTRIES}
     matrices = {"K": statics.stiffness, "C": statics.compliance}
-    tool = {kind: matrices[kind](mechanism, found) for kind in wanted}
+    tool = {kind: matrices[kind](mechanism, configurations) for kind in wanted}
     sag = (
-        statics.sag(mechanism, found)
+        statics.sag(mechanism, configurations)
         if any(name.startswith("sag") for name in names)
         else None
     )
     modes = None
     if any(map(of_modes, names)):
-        each = frequencies(mechanism, found, MOST_MODES)
+        each = frequencies(mechanism, configurations, MOST_MODES)
         modes = np.sort(np.where(each > FREE, each, np.nan), axis=1)  # NaN last
     for name in names:
         part, _, entry = name.rpartition(".")

@@ -154,7 +154,7 @@ def _find_optimum(study: StudyFile, evaluate: Evaluate) -> Ending:
     pool = ThreadPoolExecutor(len(starts))
     try:
         tasks = [pool.submit(refine, n, k) for n, k in enumerate(starts, 1)]
-        ends = [each.result() for each in tasks]
+        ends = [task.result() for task in tasks]
     except BaseException:
         evaluate.end()
         raise
@@ -204,11 +204,11 @@ def _refine(
         point = list(start)
         for k, value in zip(moved, np.clip(x, 0.0, 1.0), strict=True):
             point[k] = float(value)
-        found = make(tuple(point))
-        if not found.failed[0]:
-            excess = 0.0 if found.feasible[0] else float(found.excess[0])
-            best = min(best, (excess, float(found.objectives[0, 0])))
-        return found
+        design = make(tuple(point))
+        if not design.failed[0]:
+            excess = 0.0 if design.feasible[0] else float(design.excess[0])
+            best = min(best, (excess, float(design.objectives[0, 0])))
+        return design
 
     begin = np.array([start[k] for k in moved])
     limits: Any = NonlinearConstraint(
@@ -223,7 +223,7 @@ def _refine(
     }
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # a start at a bound, designs that failed
-        found = minimize(
+        design = minimize(
             lambda x: evaluate(x).objectives[0, 0] / scale,
             begin,
             method="COBYQA",
@@ -231,7 +231,7 @@ def _refine(
             constraints=constraints,
             options=options,
         )
-    return best, found.status == 0, int(found.nfev)
+    return best, design.status == 0, int(design.nfev)
 
 
 def _find_front(study: StudyFile, evaluate: Evaluate) -> Ending:

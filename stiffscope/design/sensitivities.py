@@ -59,8 +59,8 @@ def part_sensitivities(
     if missing:
         solved = {result.order: result.folder for result in solve_parts(missing, shop)}
         jobs = {order.label: (order, solved[order], shop.cache) for order in missing}
-        made = shop.work(_make_sensitivity, jobs)
-        held |= {order: read_sensitivity(made[order.label]) for order in missing}
+        computed = shop.work(_make_sensitivity, jobs)
+        held |= {order: read_sensitivity(computed[order.label]) for order in missing}
     return [found for order in orders if (found := held[order]) is not None]
 
 
@@ -80,16 +80,16 @@ def _make_sensitivity(
     built = time.perf_counter() - begun
     report("derivatives", 0.2)
     held = load_experiment(experiment / EXPERIMENT)
-    found = part_sensitivity(held, part, order.settings, dimensions)
-    found = dataclasses.replace(found, seconds={"cad": built, **found.seconds})
+    result = part_sensitivity(held, part, order.settings, dimensions)
+    result = dataclasses.replace(result, seconds={"cad": built, **result.seconds})
     text = json.dumps(
         {
-            "part": found.part,
+            "part": result.part,
             "derivatives": {
-                name: vars(each) for name, each in found.derivatives.items()
+                name: vars(each) for name, each in result.derivatives.items()
             },
-            "notes": found.notes,
-            "seconds": found.seconds,
+            "notes": result.notes,
+            "seconds": result.seconds,
         },
         default=np.ndarray.tolist,
     )
@@ -167,6 +167,6 @@ def robot_sensitivities(
         check_one_interface(robot, name)
     orders = [order_part(robot, name) for name in names]
     experiments = dict(zip(names, solve_parts(orders, shop), strict=True))
-    found = dict(zip(names, part_sensitivities(orders, shop), strict=True))
-    derivatives = {name: each.derivatives for name, each in found.items()}
+    by_part = dict(zip(names, part_sensitivities(orders, shop), strict=True))
+    derivatives = {name: each.derivatives for name, each in by_part.items()}
     return robot_sensitivity(robot, poses, components, experiments, derivatives)

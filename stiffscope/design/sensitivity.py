@@ -138,9 +138,9 @@ def robot_sensitivity(
     rows = []
     notes = {}
     wanted = [
-        each
-        for each in parameters(robot, components)
-        if names is None or each.name in names
+        candidate
+        for candidate in parameters(robot, components)
+        if names is None or candidate.name in names
     ]
     for parameter in wanted:
         try:
@@ -173,15 +173,15 @@ class _Model:
 
     def responses(self, robot: RobotFile) -> Responses:
         varied = self._vary_parts(robot)
-        mechanism, found = self._assemble(robot, varied)
-        state = statics.analyse(mechanism, found)
-        sag = np.full((len(found), 6), np.nan)
+        mechanism, values = self._assemble(robot, varied)
+        state = statics.analyse(mechanism, values)
+        sag = np.full((len(values), 6), np.nan)
         firm = np.asarray(np.isfinite(state.compliance).all(axis=(1, 2)))
         if firm.any():
-            sag[firm] = statics.sag(mechanism, found[firm])
-        frequency = np.full(len(found), np.nan)
+            sag[firm] = statics.sag(mechanism, values[firm])
+        frequency = np.full(len(values), np.nan)
         with suppress(InputError):  # without masses
-            frequency = _first(frequencies(mechanism, found, MOST_MODES))
+            frequency = _first(frequencies(mechanism, values, MOST_MODES))
         mass = mass_of_solids(robot, part_sources(robot, self.components), varied)
         return Responses(state.finite, sag, frequency, mass, state.alone)
 
@@ -196,21 +196,21 @@ class _Model:
     ) -> Responses:
         """Return bounds from those of the parts' derivatives; zeros if no experiment changes."""
         varied = self._vary_parts(robot)
-        if not any(each.error.any() for each in varied.values()):
+        if not any(variation.error.any() for variation in varied.values()):
             still = np.zeros_like(middle.stiffness)
             level = np.zeros_like(middle.sag)
             first = np.zeros_like(middle.frequency)
             return Responses(still, level, first, 0.0, np.zeros_like(middle.push))
-        mechanism, found = self._assemble(robot, varied)
-        bars = statics.stiffness_error(mechanism, found) / step
-        soft = np.abs(statics.compliance(mechanism, found))
+        mechanism, errors = self._assemble(robot, varied)
+        bars = statics.stiffness_error(mechanism, errors) / step
+        soft = np.abs(statics.compliance(mechanism, errors))
         sag = (soft @ bars @ np.abs(middle.sag)[..., None])[..., 0]
-        first = np.full(len(found), np.nan)
+        first = np.full(len(errors), np.nan)
         if np.isfinite(middle.frequency).any():
-            shaken = modes(mechanism, found, MOST_MODES)
+            shaken = modes(mechanism, errors, MOST_MODES)
             first = _first(shaken.frequencies, shaken.error) / step
         frequency = first + OWN_MODES * np.abs(by.frequency)
-        yields = np.abs(statics.compliance_error(mechanism, found)) / step
+        yields = np.abs(statics.compliance_error(mechanism, errors)) / step
         push = middle.push**2 * np.einsum("nii->ni", yields)  # δ(1/C) = δC / C²
         return Responses(bars, sag, frequency, 0.0, push)
 
@@ -282,13 +282,13 @@ def _changes(before: RobotFile, after: RobotFile, name: str) -> dict[str, float]
 
     def numbers(robot: RobotFile) -> dict[str, Any]:
         part = robot.parts[name]
-        found = dict[str, Any]()
+        columns = dict[str, Any]()
         if isinstance(part, ParametricPart):
-            found |= vars(part.parameters().present())
+            columns |= vars(part.parameters().present())
         for key, value in vars(robot.material(name) or SimpleNamespace()).items():
             if key not in {"name", "source"} and not key.endswith("expansion"):
-                found[key] = value
-        return found | {"foundation": getattr(part, "foundation", None) or 0.0}
+                columns[key] = value
+        return columns | {"foundation": getattr(part, "foundation", None) or 0.0}
 
     one = numbers(before)
     two = numbers(after)
@@ -308,5 +308,5 @@ def _first(frequencies: np.ndarray, values: np.ndarray | None = None) -> np.ndar
 
 def poses_of(robot: RobotFile, poses: Sequence[Sequence[float]] | None) -> np.ndarray:
     """Return the given poses (n, k), or else those of the file."""
-    found = list(robot.poses.values()) if poses is None else poses
-    return np.atleast_2d(np.array(found, dtype=float))
+    poses_given = list(robot.poses.values()) if poses is None else poses
+    return np.atleast_2d(np.array(poses_given, dtype=float))

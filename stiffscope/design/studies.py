@@ -305,7 +305,7 @@ class _Desk:
         self.present: Design | None = None
         self.unchanged: dict[int, float] = {}
         self.compared = 0  # designs with those of `unchanged`
-        for design in (each for source in stored for each in source.read()):
+        for design in (row for source in stored for row in source.read()):
             self._keep(self._find_row(design.values), design)
 
     def __call__(self, points: Iterable[Point], origin: str) -> Outcomes:
@@ -340,7 +340,10 @@ class _Desk:
     def compute_present(self) -> None:
         """Compute the design of the robot file."""
         file = self.file
-        known = {each.name: each for each in parameters(file.robot, file.components)}
+        known = {
+            parameter.name: parameter
+            for parameter in parameters(file.robot, file.components)
+        }
         values = tuple(
             float(known[v.name].value) if v.name in known else "as in the file"
             for v in file.variables
@@ -349,7 +352,7 @@ class _Desk:
             self.report("the present design", 0.0)
         for _, design in self.makers.make([(-1, None)]):
             self.present = replace(design, values=values)
-        judged = {each.response for each in (*file.goals, *file.limits)}
+        judged = {goal.response for goal in (*file.goals, *file.limits)}
         self.unchanged = {
             k: self.present.responses[k]
             for k, response in enumerate(file.responses)
@@ -406,8 +409,8 @@ class _Desk:
             self.report(f"designs, {done} of {self.total}", self.done / self.total)
 
     def _judge(self, rows: Indices) -> Outcomes:
-        found = self._responses(rows)
-        by_name = {r.name: found[:, k] for k, r in enumerate(self.file.responses)}
+        responses = self._responses(rows)
+        by_name = {r.name: responses[:, k] for k, r in enumerate(self.file.responses)}
         failed = np.array([int(row) in self.reasons for row in rows], dtype=bool)
         goals = [goal.sign * by_name[goal.response] for goal in self.file.goals]
         limits = [

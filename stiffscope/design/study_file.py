@@ -41,7 +41,7 @@ class Variable:
     @property
     def column(self) -> str:
         """Name, with the unit if it is a number."""
-        words = any(isinstance(each, str) for each in self.levels)
+        words = any(isinstance(level, str) for level in self.levels)
         return self.name if words else f"{self.name} [{self.unit}]"
 
     def find_value(self, share: float) -> Value:
@@ -69,10 +69,10 @@ class Limit:
     value: float
     text: str
 
-    def violation(self, found: Array) -> Array:
+    def violation(self, value: Array) -> Array:
         """Return the relative violation (n,) by a response (n,); negative if the limit is met."""
         sign = 1.0 if self.at_most else -1.0
-        return sign * (found - self.value) / (abs(self.value) or 1.0)
+        return sign * (value - self.value) / (abs(self.value) or 1.0)
 
 
 @dataclass(frozen=True)

@@ -182,12 +182,12 @@ def _read(top: StudySection, source: Source) -> StudyFile:
     for key, name, _ in given:
         other = name.partition(".")[2]
         require(
-            other not in (each[1] for each in given),
+            other not in (value[1] for value in given),
             key,
             "each value once",
             f'"{other}" too',
         )
-    variables = tuple(_read_variable(*each, robot, top) for each in given)
+    variables = tuple(_read_variable(*value, robot, top) for value in given)
     poses: dict[Pose, int] = {}
     wanted = _list_entries(top.responses, ("responses",), ResponseSection)
     find_job = cache(lambda path: load_job(source.path.parent / path, robot))
@@ -220,7 +220,7 @@ def _list_entries(
     table: dict[str, Any], key: Key, model: type[Section]
 ) -> list[tuple[Key, str, Any]]:
     """Return key, name and value of a table's entries; slider.thickness may be a dotted key."""
-    found: list[tuple[Key, str, Any]] = []
+    entries: list[tuple[Key, str, Any]] = []
 
     def walk(inner: Key, name: str, value: Any) -> None:
         if (
@@ -231,38 +231,40 @@ def _list_entries(
             for word, each in value.items():
                 walk((*inner, word), f"{name}.{word}" if name else word, each)
         else:
-            found.append((inner, name, value))
+            entries.append((inner, name, value))
 
     walk(key, "", table)
     require(table, key, "one entry at least", "none")
-    return found
+    return entries
 
 
 def _read_variable(
     key: Key, name: str, given: Any, robot: RobotFile, top: StudySection
 ) -> Variable:
     table = given if isinstance(given, dict) else {"range": given}
-    found = read_table(RangeSection, table, key)
-    known = {each.name: each for each in parameters(robot, top.components)}
-    texts = (found.range if found.values is None else found.values) or []
+    section = read_table(RangeSection, table, key)
+    known = {
+        parameter.name: parameter for parameter in parameters(robot, top.components)
+    }
+    texts = (section.range if section.values is None else section.values) or []
     shown = q.show_value(texts)
-    require(found.range is None or len(texts) == 2, key, f"{RANGE}, two ends", shown)
+    require(section.range is None or len(texts) == 2, key, f"{RANGE}, two ends", shown)
     _check_takes(name, texts, robot, key)
     unit = known[name].unit if name in known else unit_of(texts[0])
-    read = _read_number if found.values is None else _read_value
-    values = tuple(read(each, key) for each in texts)
-    alike = len({isinstance(each, str) for each in values}) == 1
+    read = _read_number if section.values is None else _read_value
+    values = tuple(read(text, key) for text in texts)
+    alike = len({isinstance(value, str) for value in values}) == 1
     require(alike, key, "values that are all numbers or all words", shown)
-    others = [each for each in texts if isinstance(each, str) and unit_of(each) != unit]
-    what = f"{RANGE}, both ends" if found.values is None else "values that are all"
+    others = [text for text in texts if isinstance(text, str) and unit_of(text) != unit]
+    what = f"{RANGE}, both ends" if section.values is None else "values that are all"
     is_word = isinstance(values[0], str)
     require(is_word or not others, key, f"{what} in {unit}", shown)
-    if found.values is not None:
+    if section.values is not None:
         return Variable(name, unit, values)
     low, high = map(float, values)
     require(low < high, key, f"{RANGE}, the lower end first", shown)
     levels = tuple(
-        round_off(float(each)) for each in np.linspace(low, high, found.steps)
+        round_off(float(level)) for level in np.linspace(low, high, section.steps)
     )
     return Variable(name, unit, levels, low, high)
 
@@ -293,15 +295,17 @@ def _check_takes(name: str, texts: list[Any], robot: RobotFile, key: Key) -> Non
         text = write_override(name, value)
         is_word = isinstance(value, str) and isinstance(_read_value(value, key), str)
         try:
-            made = read_robot(source.path, source.text, [*source.overrides, text])
+            changed_robot = read_robot(
+                source.path, source.text, [*source.overrides, text]
+            )
         except InputError as error:
             message = str(error).removeprefix(f"--set {text}: ")
             refused.append(FieldError(key, message))
             if is_word and message != str(error):
                 raise refused[-1] from error
             continue
-        changed = made.source.changed.keys() - source.changed
-        copied = [each[1] for each in changed if each[1] in made.copied]
+        changed = changed_robot.source.changed.keys() - source.changed
+        copied = [each[1] for each in changed if each[1] in changed_robot.copied]
         got = f'"{"".join(map(str, copied[:1]))}", a copy: vary its original'
         require(not copied, key, "what the robot file writes", got)
         if not is_word:
@@ -319,20 +323,20 @@ def _read_response(
     poses: dict[Pose, int],
     find_job: Callable[[str], Job],
 ) -> Response:
-    found = read_table(
+    section = read_table(
         ResponseSection, {"of": given} if isinstance(given, str) else given, key
     )
     where = (*key, "of") if isinstance(given, dict) else key
-    job = None if found.path is None else find_job(found.path)
+    job = None if section.path is None else find_job(section.path)
     along: dict[str, str] = dict.fromkeys(ALONG_PATH, "m")
     units = known_units(robot) if job is None else along
     with naming_key(*where):
-        expression = parse(found.of)
-        for each in expression.names:
-            one_of(each, units, "a quantity")
+        expression = parse(section.of)
+        for symbol in expression.names:
+            one_of(symbol, units, "a quantity")
     alone = expression.text if expression.text in units else None
-    unit = found.unit
-    take = found.take
+    unit = section.unit
+    take = section.take
     of_unit = (*key, "unit")
     if alone:
         unit = units[alone]
@@ -344,7 +348,7 @@ def _read_response(
         stated = q.powers_of(unit)
     with suppress(ValueError):  # an index may be a sum of unlike quantities
         measured = expression.powers(
-            {each: q.powers_of(units[each]) for each in expression.names}
+            {symbol: q.powers_of(units[symbol]) for symbol in expression.names}
         )
     example = 'a product of SI units such as "N/m/kg"'
     stated = require_given(stated, of_unit, example, q.show_value(unit))
@@ -360,39 +364,42 @@ def _read_response(
         if CRITICAL in expression.names:
             with naming_key(*key, "path"):
                 check_cut(job)
-        take = found.take or ("least" if alone == CRITICAL else "worst")
+        take = section.take or ("least" if alone == CRITICAL else "worst")
         return Response(name, expression, unit, tuple(points.tolist()), take, job)
-    at = [poses.setdefault(pose, len(poses)) for pose in _list_poses(found, robot, key)]
+    at = [
+        poses.setdefault(pose, len(poses)) for pose in _list_poses(section, robot, key)
+    ]
     if len(at) > 1:
         which = "least, greatest, mean, worst or rms: what of several poses counts"
         take = require_given(take, (*key, "take"), which)
     return Response(name, expression, unit, tuple(at), take or "least")
 
 
-def _list_poses(found: ResponseSection, robot: RobotFile, key: Key) -> list[Pose]:
+def _list_poses(section: ResponseSection, robot: RobotFile, key: Key) -> list[Pose]:
     where = (*key, "at")
-    if found.at == "map":
-        return _list_grid(robot, found.points, where)
-    names = list(robot.poses) if found.at is None else found.at
+    if section.at == "map":
+        return _list_grid(robot, section.points, where)
+    names = list(robot.poses) if section.at is None else section.at
     if isinstance(names, str):
         names = [names]
     what = 'names of poses, numbers in a list, or "map"'
     listed = isinstance(names, list) and names
-    require(listed, where, what, q.show_value(found.at))
+    require(listed, where, what, q.show_value(section.at))
     numeric = (
         re.match(r"\s*[-+.\d]", str(names[0])) and names[0] not in robot.known_poses
     )
     chosen = [names] if numeric else names
     out: list[Pose] = []
-    for each in names if isinstance(found.at, str) else chosen:
+    for name in names if isinstance(section.at, str) else chosen:
         with naming_key(*where):
             out.append(
-                read_pose(each, robot.tool, where)
-                if isinstance(each, list)
-                else one_of(each, robot.known_poses, "a pose")
+                read_pose(name, robot.tool, where)
+                if isinstance(name, list)
+                else one_of(name, robot.known_poses, "a pose")
             )
     numbers = [
-        robot.known_poses[each] if isinstance(each, str) else each for each in out
+        robot.known_poses[response] if isinstance(response, str) else response
+        for response in out
     ]
     configurations = configured_poses(robot, rigid_mechanism(robot), numbers)
     for index, valid in enumerate(configurations.valid):
@@ -438,17 +445,17 @@ def _read_limit(text: str, number: int, units: dict[str, str]) -> Limit:
 
 
 def _read_goals(top: StudySection, units: dict[str, str]) -> tuple[Goal, ...]:
-    found = []
+    goals = []
     for word, sign in (("minimize", 1.0), ("maximize", -1.0)):
         for number, name in enumerate(getattr(top, word)):
             with naming_key(word, number):
-                found.append(Goal(one_of(name, units, "a response"), sign))
-    count = len(found)
+                goals.append(Goal(one_of(name, units, "a response"), sign))
+    count = len(goals)
     one = "one response to minimize or maximize for an optimum"
     require(top.method != "optimum" or count == 1, ("method",), one, count)
     two = "two or more to minimize and maximize for pareto"
     require(top.method != "pareto" or count > 1, ("method",), two, count)
-    return tuple(found)
+    return tuple(goals)
 
 
 def _count_designs(top: StudySection, variables: tuple[Variable, ...]) -> int:

@@ -53,18 +53,18 @@ def find_nearest(study: Study) -> Nearest | None:
     index = int(np.argmin(outcomes.excess))
     limit = study.file.limits[int(np.argmax(outcomes.violations[index]))]
     names = [response.name for response in study.file.responses]
-    found = float(study.designs.responses[index, names.index(limit.response)])
+    nearest = float(study.designs.responses[index, names.index(limit.response)])
     met = (outcomes.violations <= FEASIBLE).sum(
         axis=0
     )  # NaN of failed designs gives False
-    return Nearest(index, limit, found, tuple(met.tolist()))
+    return Nearest(index, limit, nearest, tuple(met.tolist()))
 
 
 def find_bounds(study: Study) -> list[AtBound]:
     """Return the parameters of best designs that lie at an end of their range."""
     if not study.file.goals:
         return []
-    found: list[AtBound] = []
+    limits: list[AtBound] = []
     for k, v in enumerate(study.file.variables):
         if v.low is None or v.high is None:
             continue
@@ -73,10 +73,10 @@ def find_bounds(study: Study) -> list[AtBound]:
         )
         near = AT_END * (v.high - v.low)
         ends = {"lower": values <= v.low + near, "upper": values >= v.high - near}
-        found += [
+        limits += [
             AtBound(v, end, int(at.sum())) for end, at in ends.items() if at.any()
         ]
-    return found
+    return limits
 
 
 def judge_convergence(study: Study) -> tuple[bool | None, tuple[str, ...]]:

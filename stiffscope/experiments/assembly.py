@@ -125,9 +125,9 @@ def assemble_robots(
             words = name if label == next(iter(robots)) else f"{name} ({label})"
             orders[label, name] = order_part(robot, name, label=words)
     with name_lines(next(iter(robots.values()))):
-        made = solve_parts(list(orders.values()), shop, whole=whole, near=near)
+        solved = solve_parts(list(orders.values()), shop, whole=whole, near=near)
     results: dict[str, dict[str, PartResult]] = {label: {} for label in robots}
-    for (label, name), result in zip(orders, made, strict=True):
+    for (label, name), result in zip(orders, solved, strict=True):
         results[label][name] = result
     return {n: _assemble(robot, components, results[n]) for n, robot in robots.items()}
 
@@ -146,10 +146,12 @@ def check_reach(robot: RobotFile, poses: Mapping[str, Sequence[float]]) -> None:
     """Raise InputError, with the reason, if a pose is out of reach; run no experiment."""
     if not poses:
         return
-    found = configured_poses(robot, rigid_mechanism(robot), list(poses.values()))
+    configurations = configured_poses(
+        robot, rigid_mechanism(robot), list(poses.values())
+    )
     for index, name in enumerate(poses):
-        if not found.valid[index]:
-            reason = found.refusal(index)
+        if not configurations.valid[index]:
+            reason = configurations.refusal(index)
             if name in robot.poses:
                 raise robot.refuse(("poses", name), reason)
             raise InputError(f"{name}: {reason}")
@@ -168,8 +170,8 @@ def _assemble(
     matrices = part_matrices(robot, components, results)
     bare = mechanism_of(robot, matrices)
     mechanism = bare
-    for each in slices().values():
-        for section, change in each.changes:
+    for provider in slices().values():
+        for section, change in provider.changes:
             if getattr(robot, section):
                 mechanism = load(change)(mechanism, robot)
     return Assembled(
@@ -225,11 +227,11 @@ def at_named_poses(
 ) -> Stiffness:
     """Return stiffness without gravity and sag under gravity; NaN if the tool moves freely."""
     with name_robot(assembled.robot):
-        found = statics.analyse(assembled.mechanism, np.array(list(poses.values())))
-        firm = found.valid & np.isfinite(found.compliance).all(axis=(1, 2))
-        sag = np.full_like(found.sag, np.nan)
-        sag[firm] = statics.sag(assembled.mechanism, found.configurations[firm])
-    return dataclasses.replace(found, sag=sag)
+        state = statics.analyse(assembled.mechanism, np.array(list(poses.values())))
+        firm = state.valid & np.isfinite(state.compliance).all(axis=(1, 2))
+        sag = np.full_like(state.sag, np.nan)
+        sag[firm] = statics.sag(assembled.mechanism, state.configurations[firm])
+    return dataclasses.replace(state, sag=sag)
 
 
 def stiffness_bars(assembled: Assembled, poses: Any) -> np.ndarray | None:

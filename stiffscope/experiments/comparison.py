@@ -73,8 +73,8 @@ def compare(robot: RobotFile, name: str, result: PartResult | Experiment) -> Com
             source: None if matrix is None else float(matrix[i, j])
             for source, matrix in sources.items()
         }
-        own = (float(fea[i, j]), float(error[i, j]))
-        entries.append(Entry(*parts_of.entry_name(i, j), *own, **others))
+        value = (float(fea[i, j]), float(error[i, j]))
+        entries.append(Entry(*parts_of.entry_name(i, j), *value, **others))
     findings = _findings(robot, name, fea, **sources)
     return Comparison(name, tuple(entries), tuple(findings))
 
@@ -87,10 +87,10 @@ def _list_sources(robot: RobotFile, name: str) -> dict[str, np.ndarray | None]:
         simple = parts_of.beam_compliance(robot, name, euler_bernoulli)
         beam = parts_of.beam_compliance(robot, name)
     # a matrix that was published is not of a part of another shape or material
-    own = parts_of.is_published_part(robot, name)
+    is_published = parts_of.is_published_part(robot, name)
     known = {n for n, each in robot.parts.items() if getattr(each, "published", None)}
     by_formula = isinstance(part, ParametricPart) and part.made.published == "formula"
-    if own and (name in known or (known and by_formula)):
+    if is_published and (name in known or (known and by_formula)):
         printed = parts_of.published_compliance(robot, name)
     return {"euler_bernoulli": simple, "timoshenko": beam, "published": printed}
 
@@ -118,50 +118,52 @@ def _findings(
     segments = parts_of.beam_segments(robot, name)
     length = sum(length for length, _ in segments)
     section = segments[0][1]
-    found = []
+    findings = []
     if shape.beyond_beam:
         present = " and ".join(shape.beyond_beam)
-        found.append(
+        findings.append(
             f"Beam theory models the bare {shape.shape}: the {present} are in the FEA only"
         )
     for i, axis in ((1, "y"), (2, "z")):
         share = 1 - simple[i, i] / beam[i, i]
         if share > 0.02:
             slender = length / shape.across[i - 1]
-            found.append(
+            findings.append(
                 f"C{i + 1}{i + 1}: shear makes {100 * share:.0f} % of the deflection along {axis}, where the "
                 f"part is only {slender:.2g} times as long as deep; Euler-Bernoulli neglects it"
             )
     narrowing = 1 - fea[4, 4] / beam[4, 4]
     if shape.is_plate and narrowing > 0.03 and not shape.beyond_beam:
-        found.append(
+        findings.append(
             f"C33, C35, C55: a wide plate bends {100 * narrowing:.0f} % less about y than a beam, whose "
             "section is free to contract and expand sideways"
         )
-    found += _torsion(section, material, length, fea[3, 3] / beam[3, 3])
+    findings += _torsion(section, material, length, fea[3, 3] / beam[3, 3])
     if printed is not None and printed[3, 3] < 0.5 * beam[3, 3]:
         over = polar(section).torsion / section.torsion
-        found.append(
+        findings.append(
             f"C44 as published is {fea[3, 3] / printed[3, 3]:.1f} times too stiff: its torsion constant "
             f"is I_y + I_z, {over:.1f} times Saint-Venant's; they are equal for round sections alone"
         )
     if printed is not None and printed[1, 1] < 0.5 * fea[1, 1]:
         over = fea[1, 1] / printed[1, 1]
-        found.append(f"C22 as published is {over:.1f} times too stiff: it has no shear")
-    if not found:
+        findings.append(
+            f"C22 as published is {over:.1f} times too stiff: it has no shear"
+        )
+    if not findings:
         worst = np.max(np.abs(np.diag(fea) / np.diag(beam) - 1))
-        found.append(
+        findings.append(
             f"Beam theory holds: the diagonal is within {100 * worst:.2f} % of Timoshenko's; the clamped "
             "end, which cannot contract sideways, explains such a difference"
         )
-    return found
+    return findings
 
 
 def _torsion(
     section: Section, material: AnyMaterial, length: float, torsion: float
 ) -> list[str]:
     """Return findings on torsion, given the ratio of FEA's compliance to Saint-Venant's."""
-    found = []
+    rows = []
     if abs(torsion - 1) > 0.02:
         effect = "the part is too short for the end effect to decay (Saint-Venant)"
         if section.warping:
@@ -172,12 +174,12 @@ def _torsion(
             held = twist * modulus * section.torsion / length
             effect = f"Vlasov's theory gives {held:.2f} times with warping restrained at both ends"
         where = "in which the ends warp freely; here they cannot"
-        found.append(
+        rows.append(
             f"C44: {torsion:.2f} times Saint-Venant's torsion, {where}, and {effect}"
         )
     if section.shear_centre:
-        found.append(
+        rows.append(
             f"C34: the shear centre is {1e3 * abs(section.shear_centre):.3g} mm from the centroid, on the "
             "web's side: a force along z through the centroid twists the beam"
         )
-    return found
+    return rows

@@ -200,7 +200,7 @@ def solve_parts(
         if near is None
         else [CONDENSED, WHOLE, MOVED]
     )
-    found: dict[PartOrder, PartResult] = {}
+    results: dict[PartOrder, PartResult] = {}
     missing: list[PartOrder] = []
     for order in dict.fromkeys(orders):
         begun = time.perf_counter()
@@ -210,14 +210,14 @@ def solve_parts(
         if held is None:
             missing.append(order)
         else:
-            found[order] = replace(held, seconds=time.perf_counter() - begun)
+            results[order] = replace(held, seconds=time.perf_counter() - begun)
     if missing:
         make = partial(_make_part, whole=whole, near=near or {}, skip=skip)
         for order, (folder, seconds) in _make_missing(missing, shop, make).items():
             if folder is not None:
-                made = _read(order, folder, whole=whole, reused=False)
-                found[order] = replace(made, seconds=seconds)
-    return [found[order] for order in orders if order in found]
+                result = _read(order, folder, whole=whole, reused=False)
+                results[order] = replace(result, seconds=seconds)
+    return [results[order] for order in orders if order in results]
 
 
 def _make_missing(
@@ -232,12 +232,12 @@ def _make_missing(
             1.0 if order.settings.tolerance is None else AFTER_REFINEMENT
         )
     try:
-        made = shop.work(make, jobs, limits)
+        results = shop.work(make, jobs, limits)
     except LateError as late:
         message = str(late).partition(": ")[2]
         cure = "choose a larger mesh.size, or a longer mesh.time_limit"
         raise InputError(f"{late.job}.mesh.time_limit: {message}; {cure}") from late
-    return {order: made[order.label] for order in missing}
+    return {order: results[order.label] for order in missing}
 
 
 def _read(order: PartOrder, folder: Path, *, whole: bool, reused: bool) -> PartResult:

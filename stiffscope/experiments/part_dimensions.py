@@ -79,9 +79,9 @@ def _dimensions(
     tried = _try_values(nominal, name, others, shop)
     out: list[PartDimension] = []
     for key, (value, unit) in known.items():
-        found = tried[key]
-        if found:
-            points = ((value, *found), (here, *found.values()))
+        tried_values = tried[key]
+        if tried_values:
+            points = ((value, *tried_values), (here, *tried_values.values()))
             limit = limits[key]
             compliance = interpolate_between(*points, limit, _legal(material, key))
             out.append(
@@ -144,10 +144,10 @@ def _try_values(
                 changed, name, label=f"{name}, {key} {value:.9g}"
             )
     near = {order.label: nominal.results[name] for order in orders.values()}
-    made = solve_parts(list(orders.values()), shop, whole=False, near=near, skip=True)
-    results = {result.order: result.compliance for result in made}
-    found: dict[str, dict[float, Array]] = {key: {} for key in values}
+    solved = solve_parts(list(orders.values()), shop, whole=False, near=near, skip=True)
+    results = {result.order: result.compliance for result in solved}
+    tried: dict[str, dict[float, Array]] = {key: {} for key in values}
     for (key, value), order in orders.items():
         if order in results:
-            found[key][value] = results[order]
-    return found
+            tried[key][value] = results[order]
+    return tried

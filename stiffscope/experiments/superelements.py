@@ -46,7 +46,7 @@ def write_part(result: PartResult, out: Path, manifest: Manifest) -> None:
 def write_robot(
     assembled: Assembled,
     names: Sequence[str],
-    found: Configurations,
+    configurations: Configurations,
     out: Path,
     manifest: Manifest,
 ) -> None:
@@ -60,7 +60,7 @@ def write_robot(
         Robot with its parts' matrices.
     names
         Names of the configurations; unnamed ones are numbered.
-    found
+    configurations
         Configurations of the mechanism.
     out
         Output folder.
@@ -70,10 +70,12 @@ def write_robot(
     mechanism = assembled.mechanism
     with output.staged_folder(out) as folder:
         for k, name in enumerate(names):
-            held = superelement(mechanism, found[np.array([k])])
+            held = superelement(mechanism, configurations[np.array([k])])
             arrays = (held.tool[None], held.stiffness, held.mass)
-            nodes, stiffness, mass = (np.asarray(each, dtype=float) for each in arrays)
-            place = zip(mechanism.tool.pose, found.poses[k], strict=True)
+            nodes, stiffness, mass = (
+                np.asarray(array, dtype=float) for array in arrays
+            )
+            place = zip(mechanism.tool.pose, configurations.poses[k], strict=True)
             squares = np.asarray(held.mode_squares, dtype=float)
             text = ROBOT_HELP.format(
                 robot=assembled.robot.name,

@@ -48,18 +48,20 @@ def changes(files: Sequence[Path]) -> Iterator[None]:
     """
     held: dict[Path, str] = {}  # contents at the last yield
     read: dict[Path, tuple[Any, str]] = {}
-    found = {}
+    changed = {}
     since = 0.0
     while True:
-        former = found
-        found = {path: _content(path, read) for path in files}
-        if found != former:
+        former = changed
+        changed = {path: _content(path, read) for path in files}
+        if changed != former:
             since = time.monotonic()
         known = held
-        held = {**found, **held}
-        settled = time.monotonic() - since >= (PERIOD if all(found.values()) else GONE)
-        if not known or (settled and found != {path: held[path] for path in found}):
-            held |= found
+        held = {**changed, **held}
+        settled = time.monotonic() - since >= (
+            PERIOD if all(changed.values()) else GONE
+        )
+        if not known or (settled and changed != {path: held[path] for path in changed}):
+            held |= changed
             yield
         time.sleep(PERIOD)
 
@@ -138,7 +140,7 @@ def _leaves(value: Any, name: str = "") -> dict[str, Any]:
             .removeprefix("joints.")
             .removeprefix("bodies."): value
         }
-    found: dict[str, Any] = {}
+    leaves: dict[str, Any] = {}
     for key, each in value.items() if isinstance(value, dict) else enumerate(value):
-        found |= _leaves(each, f"{name}.{key}" if name else str(key))
-    return found
+        leaves |= _leaves(each, f"{name}.{key}" if name else str(key))
+    return leaves

@@ -123,8 +123,10 @@ def form_compensation(
     middles = _points(tuple(0.5 * (line[1:] + line[:-1]) for line in lines))
     added = out.correct(middles)
     after = added + displace(middles + added)[:, rows]
-    own = displace(middles)[:, rows]
-    before, left = (float(np.linalg.norm(e, axis=1).max()) for e in (own, after))
+    displacement = displace(middles)[:, rows]
+    before, left = (
+        float(np.linalg.norm(e, axis=1).max()) for e in (displacement, after)
+    )
     return Compensation(
         axes=out.axes,
         lines=out.lines,

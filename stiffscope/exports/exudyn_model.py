@@ -38,7 +38,7 @@ MOUNTS = {BASE: "base mount", TOOL: "tool mount"}
 
 
 def tabulate(
-    mechanism: Mechanism, found: Configurations, names: Sequence[str]
+    mechanism: Mechanism, configurations: Configurations, names: Sequence[str]
 ) -> dict[str, Any]:
     """Return the tables of a robot: bodies and joints at home, and its poses.
 
@@ -46,7 +46,7 @@ def tabulate(
     ----------
     mechanism
         The robot with its weight and effects.
-    found
+    configurations
         Its configurations at the poses, all reachable.
     names
         A name for each pose.
@@ -86,24 +86,24 @@ def tabulate(
         joints[MOUNTS[TOOL]] = _mount(tool, END, at, mechanism.grip)
         rigid_bodies[END] = _massless(at)
         tool = END
-    yields = np.linalg.eigvalsh(_tool_compliance(mechanism, found))
-    length = found.linkage.length
+    yields = np.linalg.eigvalsh(_tool_compliance(mechanism, configurations))
+    length = configurations.linkage.length
     return {
         "gravity": mechanism.gravity,
         "tool": {"body": tool, "at": mechanism.tool.at},
         "length": length,
         "rigid": RIGID / yields[yields > 1e-6 * yields.max()].min(),
         "idle": IDLE / yields.max() * length**2,
-        "poses": _tabulate_poses(mechanism, found, names),
+        "poses": _tabulate_poses(mechanism, configurations, names),
         "rigid_bodies": rigid_bodies,
         "elastic_bodies": elastic_bodies,
         "joints": joints,
     }
 
 
-def _tool_compliance(mechanism: Mechanism, found: Configurations) -> Array:
+def _tool_compliance(mechanism: Mechanism, configurations: Configurations) -> Array:
     """Return the tool's translational compliance (n, 3, 3), m/N; InputError if it moves freely."""
-    out = compliance(without_laws(mechanism), found)[:, :3, :3]
+    out = compliance(without_laws(mechanism), configurations)[:, :3, :3]
     if not np.isfinite(out).all():
         raise InputError(
             "joints: expected drives or springs that hold the tool, got one that moves freely; "
@@ -199,11 +199,11 @@ def _tabulate_joint(element: Element, ends: list[str]) -> dict[str, Any]:
 
 
 def _tabulate_poses(
-    mechanism: Mechanism, found: Configurations, names: Sequence[str]
+    mechanism: Mechanism, configurations: Configurations, names: Sequence[str]
 ) -> dict[str, Any]:
     """Return each pose: its command, displacements of bodies, lacks of fit, idle motions."""
-    where = place_nodes(found)
-    order = find_order(mechanism, found.linkage)
+    where = place_nodes(configurations)
+    order = find_order(mechanism, configurations.linkage)
     offsets = own_loads(order, where).offsets
     nodes = {body.name: body.nodes[0] for body in mechanism.bodies}
     nodes[FOOT] = FOOT
@@ -211,13 +211,15 @@ def _tabulate_poses(
     out = {}
     for k, name in enumerate(names):
         out[name] = {
-            "commanded": dict(zip(mechanism.tool.pose, found.poses[k], strict=True)),
+            "commanded": dict(
+                zip(mechanism.tool.pose, configurations.poses[k], strict=True)
+            ),
             "frames": {n: _displacement(where, node, k) for n, node in nodes.items()},
             "offsets": {
                 MOUNTS.get(n, n): twist[k if len(twist) > 1 else 0, :, 0]
                 for n, twist in offsets.items()
             },
-            "idle": _idle_axes(mechanism, found, k),
+            "idle": _idle_axes(mechanism, configurations, k),
         }
     return out
 
@@ -230,10 +232,12 @@ def _displacement(where: Places, node: str, k: int) -> dict[str, Any]:
     return {"turned": vector, "moved": move[k if len(move) > 1 else 0]}
 
 
-def _idle_axes(mechanism: Mechanism, found: Configurations, k: int) -> dict[str, Array]:
+def _idle_axes(
+    mechanism: Mechanism, configurations: Configurations, k: int
+) -> dict[str, Array]:
     """Return, by joint, the axis about which a body spins idly there."""
     out = {}
-    for idle in mobility(mechanism, found, k).idle:
+    for idle in mobility(mechanism, configurations, k).idle:
         direction = idle.direction
         if direction is not None and direction.kind == "rotation":
             out[idle.joints[0]] = direction.axis
@@ -302,7 +306,7 @@ def _show(value: Any, depth: int) -> str:
         lines = [f"{inner}{_show(row, depth + 1)},\n" for row in value]
         return "[\n" + "".join(lines) + outer + "]"
     if isinstance(value, np.ndarray | list | tuple):
-        return "[" + ", ".join(_show(each, depth) for each in value) + "]"
+        return "[" + ", ".join(_show(row, depth) for row in value) + "]"
     if isinstance(value, np.floating | float):
         number = float(value)
         return repr(int(number)) + ".0" if number == 0.0 else repr(number)

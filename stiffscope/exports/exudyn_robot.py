@@ -105,7 +105,7 @@ def frame_along(directions: Any) -> tuple[Any, list[int]]:
     """Return axes (3, 3) and flags of those along some directions; the unit axes if they will do."""
     projector = directions @ directions.T
     if np.abs(projector - np.diag(np.diag(projector))).max(initial=0.0) < 1e-9:
-        return np.eye(3), [int(each > 0.5) for each in np.diag(projector)]
+        return np.eye(3), [int(share > 0.5) for share in np.diag(projector)]
     axes = np.hstack([directions, null_space(directions.T)])
     if np.linalg.det(axes) < 0.0:
         axes[:, -1] *= -1.0
@@ -247,9 +247,9 @@ class Robot:
         free = len(compliance)
         squares = np.array(body["mode_squares"])
         modes = free + len(squares)
-        own = np.kron(np.eye(2), axes)
+        turn = np.kron(np.eye(2), axes)
         turns = np.eye(6 + modes)
-        turns[: 6 + free, : 6 + free] = np.kron(np.eye(len(nodes)), own)
+        turns[: 6 + free, : 6 + free] = np.kron(np.eye(len(nodes)), turn)
         stiffness = np.zeros((modes, modes))
         big = turns[6 : 6 + free, 6 : 6 + free]
         stiffness[:free, :free] = big @ np.linalg.inv(compliance) @ big.T

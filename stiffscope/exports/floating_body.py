@@ -194,15 +194,15 @@ def _with_dynamics(
     mass = carry.T @ mass @ carry
     total, centre, inertia = _rigid_inertia(mass[:6, :6])
     to_centre = shift(centre)
-    own: Array = np.zeros((6, 6))
-    own[:3, :3] = total * np.eye(3)
-    own[3:, 3:] = inertia
+    body_mass: Array = np.zeros((6, 6))
+    body_mass[:3, :3] = total * np.eye(3)
+    body_mass[3:, 3:] = inertia
     coupled = np.linalg.solve(to_centre.T, mass[:6, 6:])
     mean = np.linalg.solve(
-        own, coupled
+        body_mass, coupled
     )  # motion of the mean axes with strains and modes
-    rest = mass[6:, 6:] - mean.T @ own @ mean
-    root = cholesky(own)  # upper; root @ mean: motion in units of equal energy
+    rest = mass[6:, 6:] - mean.T @ body_mass @ mean
+    root = cholesky(body_mass)  # upper; root @ mean: motion in units of equal energy
     strains = size - 6
     by_modes = root @ mean[:, strains:]
     left, sizes, right = np.linalg.svd(by_modes)

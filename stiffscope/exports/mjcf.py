@@ -82,9 +82,12 @@ def export_robot(order: Order) -> Exported:
     mujoco = load_mujoco()
     mechanism = order.assembled.mechanism
     check_mechanism(mechanism)
-    found = order.asked.configurations
+    configurations = order.asked.configurations
     straight = linear_drives(mechanism)
-    wanted = Wanted(frequencies(straight, found, COUNT), compliance(straight, found))
+    wanted = Wanted(
+        frequencies(straight, configurations, COUNT),
+        compliance(straight, configurations),
+    )
     free = ~np.isfinite(wanted.compliance).all(axis=(1, 2))
     if free.any():
         name = order.asked.names[int(np.flatnonzero(free)[0])]
@@ -92,7 +95,9 @@ def export_robot(order: Order) -> Exported:
         raise InputError(f"{name}: {expected}, got a tool that moves freely")
     best: Trial | None = None
     for choice in CLOSURES:
-        tuning = tune(mechanism, wanted, order.highest, found.linkage.length, choice)
+        tuning = tune(
+            mechanism, wanted, order.highest, configurations.linkage.length, choice
+        )
         trial = _try(mujoco, order, tuning, wanted)
         if best is None or trial.deviation < best.deviation:
             best = trial
@@ -179,14 +184,16 @@ def _least(blocks: Array) -> float:
 def _try(mujoco: Any, order: Order, tuning: Tuning, wanted: Wanted) -> Trial:
     """Return the model for one choice of its closures."""
     mechanism = order.assembled.mechanism
-    found = order.asked.configurations
+    configurations = order.asked.configurations
     writer = write_tree(mechanism, order.assembled.robot.name, tuning)
     _add_options(writer.root, mechanism)
     model = mujoco.MjModel.from_xml_string(_text(writer.root))
-    positions = key_positions(mujoco, model, writer.coordinates, found)
+    positions = key_positions(mujoco, model, writer.coordinates, configurations)
     known = wanted.frequencies
     still = _STILL * float(known[np.isfinite(known) & (known > 0.0)].min())
-    spectra = tuple(find_spectrum(mujoco, model, each, still) for each in positions)
+    spectra = tuple(
+        find_spectrum(mujoco, model, position, still) for position in positions
+    )
     soft = [
         _deviate(spectrum.compliance, right)
         for spectrum, right in zip(spectra, wanted.compliance, strict=True)
@@ -241,7 +248,9 @@ def _finish(mujoco: Any, order: Order, trial: Trial, wanted: Wanted) -> Exported
         "tool": order.asked.configurations.tool,
         "sag": sag(linear_drives(mechanism), order.asked.configurations),
         "frequencies": wanted.frequencies,
-        "exported_frequencies": [each.frequencies[:count] for each in trial.spectra],
+        "exported_frequencies": [
+            spectrum.frequencies[:count] for spectrum in trial.spectra
+        ],
         "deviation": {"compliance": trial.compliance, "frequency": trial.frequency},
     }
     rows = (
@@ -297,14 +306,14 @@ def _add_step(root: ET.Element, step: float) -> None:
 
 def _add_keys(writer: Writer, order: Order, trial: Trial) -> None:
     """Add a keyframe for each pose: the unloaded robot, its drives at their commands."""
-    found = order.asked.configurations
+    configurations = order.asked.configurations
     mechanism = order.assembled.mechanism
     keys = ET.SubElement(writer.root, "keyframe")
     for index, name in enumerate(order.asked.names):
         control = np.zeros(trial.model.nu)
         for servo, joint in writer.commands:
             motion = mechanism.joint(joint).driven or 0
-            value = found.coordinates(joint)[index, motion]
+            value = configurations.coordinates(joint)[index, motion]
             control[trial.model.actuator(servo).id] = value
         key = ET.SubElement(keys, "key", name=name)
         key.set("qpos", numbers(trial.positions[index]))

@@ -279,9 +279,9 @@ def _add_bearing(
         body.remove(next(j for j in body.iter("joint") if j.get("name") == name_of))
     if not joints:
         return
-    own = compliance[np.ix_(used, used)]
-    scale = np.sqrt(np.diagonal(own))
-    values, vectors = np.linalg.eigh(own / np.outer(scale, scale))
+    free_compliance = compliance[np.ix_(used, used)]
+    scale = np.sqrt(np.diagonal(free_compliance))
+    values, vectors = np.linalg.eigh(free_compliance / np.outer(scale, scale))
     values = values.clip(min=1e-9 * values[-1])
     stiffness = (vectors / values) @ vectors.T / np.outer(scale, scale)
     springs = diagonalize(stiffness, None, writer.tuning.highest)
@@ -577,10 +577,10 @@ def _displace_ends(body: Body, root: int) -> Array:
     if elastic.offset is None:
         return out
     out[1:] = elastic.offset.reshape(-1, 6)
-    own = out[root].copy()
+    root_frame = out[root].copy()
     ways = (elastic.places - elastic.places[root]) @ elastic.axes
     for k, way in enumerate(ways):
-        out[k] -= shift(way) @ own
+        out[k] -= shift(way) @ root_frame
     return out
 
 

@@ -37,13 +37,16 @@ def load_mujoco() -> Any:
 
 
 def key_positions(
-    mujoco: Any, model: Any, coordinates: Sequence[Coordinate], found: Configurations
+    mujoco: Any,
+    model: Any,
+    coordinates: Sequence[Coordinate],
+    configurations: Configurations,
 ) -> Array:
     """Return the positions (n, nq) of an unloaded robot at poses."""
     data = mujoco.MjData(model)
     mujoco.mj_resetData(model, data)
-    out = np.tile(data.qpos, (len(found), 1))
-    values = {c.joint: found.coordinates(c.joint) for c in coordinates}
+    out = np.tile(data.qpos, (len(configurations), 1))
+    values = {c.joint: configurations.coordinates(c.joint) for c in coordinates}
     for coordinate in coordinates:
         joint = model.joint(coordinate.name)
         start = int(joint.qposadr[0])
@@ -121,7 +124,7 @@ def spring_stiffness(model: Any, data: Any, gains: Array) -> Array:
     moments = np.zeros((model.nu, model.nv))
     for row in range(model.nu):
         start = data.moment_rowadr[row]
-        some = slice(start, start + data.moment_rownnz[row])
-        moments[row, data.moment_colind[some]] = data.actuator_moment[some]
+        entries = slice(start, start + data.moment_rownnz[row])
+        moments[row, data.moment_colind[entries]] = data.actuator_moment[entries]
     out += moments.T @ (gains[:, None] * moments)
     return 0.5 * (out + out.T)

@@ -62,7 +62,7 @@ def list_points(mechanism: Mechanism) -> dict[str, tuple[str | None, Array]]:
 
 def form_state_space(
     mechanism: Mechanism,
-    found: Configurations,
+    configurations: Configurations,
     *,
     damping: float = DAMPING,
     highest: float | None = None,
@@ -73,7 +73,7 @@ def form_state_space(
     ----------
     mechanism
         The robot; its drives hold their commands as springs.
-    found
+    configurations
         One configuration.
     damping
         Damping ratio of every mode.
@@ -99,7 +99,7 @@ def form_state_space(
     ports = [
         Port(node, at, np.eye(6)[k]) for node, at in points.values() for k in range(6)
     ]
-    modal = expand_ports(mechanism, found, ports)
+    modal = expand_ports(mechanism, configurations, ports)
     moving = modal.mass > 0.0
     squares = np.full(len(modal.mass), np.inf)
     squares[moving] = modal.stiffness[moving] / modal.mass[moving]
@@ -112,15 +112,15 @@ def form_state_space(
     limit = _STATIC * np.sqrt(elastic.min())
     if highest is not None:
         limit = min(limit, 2.0 * np.pi * highest)
-    kept = np.flatnonzero(squares <= limit**2)
-    kept = kept[np.argsort(squares[kept], kind="stable")]
-    omega = np.sqrt(squares[kept])
-    shape = modal.displacement[:, kept] / np.sqrt(modal.mass[kept])
+    modes_kept = np.flatnonzero(squares <= limit**2)
+    modes_kept = modes_kept[np.argsort(squares[modes_kept], kind="stable")]
+    omega = np.sqrt(squares[modes_kept])
+    shape = modal.displacement[:, modes_kept] / np.sqrt(modal.mass[modes_kept])
     # what follows statically is a compliance in D
-    rest = np.setdiff1d(np.arange(len(squares)), kept)
+    rest = np.setdiff1d(np.arange(len(squares)), modes_kept)
     rest = rest[modal.stiffness[rest] > 0.0]
     static = modal.displacement[:, rest]
-    m = len(kept)
+    m = len(modes_kept)
     zero = np.zeros((m, m))
     # displacements times frequencies are of the size of rates, which keeps A well scaled
     scale = np.where(omega > 0.0, omega, 1.0)

@@ -286,10 +286,10 @@ def _stiffnesses(order: Order, tree: SpanningTree) -> dict[str, Any]:
     }
     cut = [branch.joint for branch in tree.cuts]
     out["cut_joints"] = {joint.name: _cut_facts(mechanism, joint) for joint in cut}
-    found = order.asked.configurations
+    configurations = order.asked.configurations
     out["poses"] = {
         name: {
-            j.name: float(found.coordinates(j.name)[k, j.driven or 0])
+            j.name: float(configurations.coordinates(j.name)[k, j.driven or 0])
             for j in mechanism.drives
         }
         for k, name in enumerate(order.asked.names)

@@ -52,9 +52,9 @@ def keys(section: str | None, *, output: Output) -> None:
 
     SECTION is robot, study, job or campaign, or part of a section's title: joints or milling.
     """
-    found = find_keys(section)
+    keys_by_kind = find_keys(section)
     answer = {
         kind: {title: list(map(asdict, rows)) for title, rows in titles.items()}
-        for kind, titles in found.items()
+        for kind, titles in keys_by_kind.items()
     }
-    emit(output, answer, lambda: show_keys(found))
+    emit(output, answer, lambda: show_keys(keys_by_kind))

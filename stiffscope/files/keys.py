@@ -102,8 +102,8 @@ def _meaning(kind: str, title: str, key: str) -> str:
     meanings = _meanings()[kind]
     end = f".{key}"
     words = (name.removesuffix(end) for name in meanings if name.endswith(end))
-    own = next((meanings[word + end] for word in words if word in title), "")
-    return own or meanings.get(key, "")
+    meaning = next((meanings[word + end] for word in words if word in title), "")
+    return meaning or meanings.get(key, "")
 
 
 def _section_keys(kind: str, tables: Iterable[tuple[str, Any]]) -> dict[str, list[Key]]:
@@ -150,11 +150,11 @@ def all_keys() -> dict[str, dict[str, list[Key]]]:
             others.setdefault(kind, {}).update(_section_keys(kind, load(tables)))
     campaign = others["campaign"]
     quantities = _meanings()["quantities at M"].items()
-    campaign["quantities at M"] = [Key(*each) for each in quantities]
+    campaign["quantities at M"] = [Key(*quantity) for quantity in quantities]
     campaign["effects"] = []
     for name, parameters in EFFECTS.items():
-        said = ", ".join(f"{parameter} ({unit})" for parameter, unit in parameters[:9])
-        campaign["effects"].append(Key(name, said or "no parameters"))
+        words = ", ".join(f"{parameter} ({unit})" for parameter, unit in parameters[:9])
+        campaign["effects"].append(Key(name, words or "no parameters"))
     kinds = ("study", "job", "campaign")
     return {"robot": _robot_keys(), **{kind: others[kind] for kind in kinds}}
 
@@ -164,7 +164,7 @@ def find_keys(wanted: str | None) -> dict[str, dict[str, list[Key]]]:
     every = all_keys()
     if wanted is None or wanted in every:
         return {wanted: every[wanted]} if wanted else every
-    found = {
+    keys = {
         kind: {
             title: rows
             for title, rows in titles.items()
@@ -172,18 +172,18 @@ def find_keys(wanted: str | None) -> dict[str, dict[str, list[Key]]]:
         }
         for kind, titles in every.items()
     }
-    found = {kind: titles for kind, titles in found.items() if titles}
-    if not found:
+    keys = {kind: titles for kind, titles in keys.items() if titles}
+    if not keys:
         titles = [title for titles in every.values() for title in titles]
         guess = suggest(wanted, [*every, *titles], cutoff=0.4)
         expected = f"expected {', '.join(every)} or part of a section's title"
         raise InputError(f'keys: {expected}, got "{wanted}"{guess}')
-    return found
+    return keys
 
 
-def show_keys(found: dict[str, dict[str, list[Key]]]) -> None:
+def show_keys(keys_by_kind: dict[str, dict[str, list[Key]]]) -> None:
     """Print one table per section."""
-    for kind, titles in found.items():
+    for kind, titles in keys_by_kind.items():
         show_line(
             f"{kind[0].upper()}{kind[1:]} file" if kind != "campaign" else "Campaign",
             "bold",
@@ -198,9 +198,9 @@ def show_keys(found: dict[str, dict[str, list[Key]]]) -> None:
 
 
 def _said(metadata: Iterable[Any]) -> str:
-    said = (each for each in metadata if isinstance(each, Reads | Says))
+    notes = (note for note in metadata if isinstance(note, Reads | Says))
     return next(
-        (each.says if isinstance(each, Reads) else str(each) for each in said), ""
+        (note.says if isinstance(note, Reads) else str(note) for note in notes), ""
     )
 
 
@@ -240,7 +240,7 @@ def _default(field: Any, takes: str) -> str:
     if value is None or value is PydanticUndefined or value in ("", (), {}):
         return "–"
     if isinstance(value, tuple):
-        return f"`[{', '.join(f'{each:g}' for each in value)}]`"
+        return f"`[{', '.join(f'{item:g}' for item in value)}]`"
     if isinstance(value, float):
         unit = re.search(r'such as "[\d.]+ ([^"]+)"', takes)
         known = unit and value and measured_quantity(f"1 {unit[1]}")

@@ -38,15 +38,15 @@ def cache(context: click.Context, *, output: Output) -> None:
     """
     if context.invoked_subcommand is None:
         root = cache_folder()
-        found = totals(Cache(root).entries())
+        sums = totals(Cache(root).entries())
         sizes = {
             kind: {"entries": count, "bytes": size}
-            for kind, (count, size) in found.items()
+            for kind, (count, size) in sums.items()
         }
         emit(
             output,
             {"folder": str(root), "kinds": sizes},
-            lambda: show_totals(root, found),
+            lambda: show_totals(root, sums),
         )
 
 

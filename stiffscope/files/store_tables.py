@@ -29,13 +29,13 @@ def show_entries(entries: Sequence[Entry]) -> None:
     """Show each entry: kind, start of its key, size and date."""
     rows = []
     for entry in entries:
-        made = datetime.fromtimestamp(entry.made, UTC)
+        created = datetime.fromtimestamp(entry.made, UTC)
         rows.append(
             (
                 entry.kind,
                 entry.key[:12],
                 megabytes(entry.bytes),
-                f"{made:%Y-%m-%d %H:%M}",
+                f"{created:%Y-%m-%d %H:%M}",
             )
         )
     show_table("Kept results", (("kind",), ("key", "size", "made (UTC)")), rows)

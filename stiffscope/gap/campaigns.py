@@ -132,16 +132,16 @@ def diagnose_case(case: Case, nominal: Assembled | None, shop: Workshop) -> Diag
         case.folder, case.campaign, nominal.robot, nominal.mechanism
     )
     line = shop.open_line("diagnosis")
-    found = diagnose_campaign(loaded, carrying, line, responses)
+    diagnosis = diagnose_campaign(loaded, carrying, line, responses)
     doubts = (
         *inspect_extremes(case.campaign, nominal.mechanism),
         *inspect_mechanics(case.campaign),
     )
     return dataclasses.replace(
-        found,
+        diagnosis,
         remarks=(
             *(doubt.text for doubt in doubts),
-            *found.remarks,
+            *diagnosis.remarks,
         ),
     )
 
@@ -185,19 +185,21 @@ def configure_case(
     ).configurations
 
 
-def inspect_case(case: Case, found: Configurations | None) -> tuple[ReadingRemark, ...]:
+def inspect_case(
+    case: Case, configurations: Configurations | None
+) -> tuple[ReadingRemark, ...]:
     """Return remarks on poses, found by `configure_case`, and on readings, without experiments."""
     if not len(case.campaign):
         return ()
     remarks = inspect_readings(case.campaign, predict_roughly(case))
-    if case.robot is None or found is None:
+    if case.robot is None or configurations is None:
         return remarks
     mechanism = rigid_mechanism(case.robot)
     misread = find_misread(
         RobotAtPoses(NominalRobot(mechanism, case.robot), case.campaign)
     )
     frames = [ReadingRemark("frame", name, (), str(error)) for name, error in misread]
-    ranges = inspect_ranges(case.campaign, mechanism, found)
+    ranges = inspect_ranges(case.campaign, mechanism, configurations)
     doubts = (
         *inspect_extremes(case.campaign, mechanism),
         *inspect_mechanics(case.campaign),
@@ -276,10 +278,10 @@ def find_campaign(name: str | Path) -> Path:
 
 def campaign_names() -> list[str]:
     """Return the names of the campaigns in `data/`."""
-    found = (
+    headers = (
         path for shelf in SHELVES for path in FOLDER.glob(f"{shelf}/*/campaign.toml")
     )
-    return sorted(path.parent.name for path in found)
+    return sorted(path.parent.name for path in headers)
 
 
 def _robot_of(folder: Path, campaign: Campaign, robot: str) -> Path:

@@ -23,7 +23,7 @@ _STEP = 1e-6  # of an internal parameter
 
 
 def list_drives(
-    found: Findings, joint: Hypothesis, left: float
+    findings: Findings, joint: Hypothesis, left: float
 ) -> dict[str, DriveStiffness]:
     """Return each drive's stiffness with the effects of a hypothesis, by joint.
 
@@ -31,18 +31,18 @@ def list_drives(
 
     Parameters
     ----------
-    found
+    findings
         The search; empty without a robot.
     joint
         Hypothesis that was fitted.
     left
         Factor on covariances, as of the reported parameters.
     """
-    model = found.model
+    model = findings.model
     if not isinstance(model, RobotModel | JointModel):
         return {}
     out: dict[str, DriveStiffness] = {}
-    spreads = _find_spreads(found, model, joint)
+    spreads = _find_spreads(findings, model, joint)
     for name, drive in model.nominal.driven.items():
         law = drive.drive
         if law is None or not np.isfinite(law.stiffness) or law.stiffness <= 0.0:
@@ -95,7 +95,7 @@ def _find_growth(
 
 
 def _find_spreads(
-    found: Findings, model: RobotModel | JointModel, joint: Hypothesis
+    findings: Findings, model: RobotModel | JointModel, joint: Hypothesis
 ) -> dict[str, float]:
     """Return the standard uncertainty of each drive's relative compliance, all of them free."""
     known = ActuatorStiffness.candidates(model.setting)
@@ -104,10 +104,10 @@ def _find_spreads(
         prediction = model.predict(joint.parameters)
     except InputError:
         return {}
-    used = found.used_readings
-    columns = [prediction.columns(c)[:, 0] / found.sigma for c in singles]
+    used = findings.used_readings
+    columns = [prediction.columns(c)[:, 0] / findings.sigma for c in singles]
     others = joint.mark(lambda c: c.effect != ActuatorStiffness.word)
-    beside = found.slopes(joint)[:, others] * joint.known.scales[others]
+    beside = findings.slopes(joint)[:, others] * joint.known.scales[others]
     whole = np.column_stack([np.zeros((len(used), 0)), *columns, beside])[used]
     covariance = np.linalg.inv(whole.T @ whole + np.eye(whole.shape[1]))
     spreads = np.sqrt(np.diagonal(covariance))

@@ -80,7 +80,7 @@ def part_name(solid: Instance, parts: Sequence[PartFile]) -> str:
 
 
 def choose_materials(
-    parts: Sequence[int], solids: Sequence[Instance], said: Sequence[str], path: Path
+    parts: Sequence[int], solids: Sequence[Instance], texts: Sequence[str], path: Path
 ) -> dict[int, str]:
     """Return each part's material: as said of its name or the file's word for it, else that word.
 
@@ -89,11 +89,13 @@ def choose_materials(
     known = {name.lower(): name for name in MATERIALS}
     known |= {word.lower(): name for word, name in DESIGNATIONS.items()}
     words = [
-        word.lower() for each in solids for word in (each.name, each.product.material)
+        word.lower()
+        for solid in solids
+        for word in (solid.name, solid.product.material)
     ]
     rules = list[tuple[str, str]]()
-    for text in said:
-        pattern, equals, name = (each.strip() for each in text.partition("="))
+    for text in texts:
+        pattern, equals, name = (piece.strip() for piece in text.partition("="))
         where = place_of("--material", text)
         names = ", ".join(MATERIALS)
         valid = equals and name.lower() in known
@@ -102,16 +104,20 @@ def choose_materials(
         expected = "the name of a solid, or of its material"
         require(matching, where, expected, f'"{print_safely(pattern)}"')
         rules.append((pattern.lower(), known[name.lower()]))
-    found = dict[int, str]()
+    materials = dict[int, str]()
     missing = defaultdict[str, list[str]](list)
     for number in parts:
         word = solids[number].product.material.lower()
-        own = [each for each in (solids[number].name.lower(), word) if each]
-        named = [each for each in rules if fnmatch.filter(own, each[0])]
+        words_of = [each for each in (solids[number].name.lower(), word) if each]
+        named = [
+            candidate for candidate in rules if fnmatch.filter(words_of, candidate[0])
+        ]
         if named:
-            found[number] = sorted(named, key=lambda rule: rule[0] in own)[-1][1]
+            materials[number] = sorted(named, key=lambda rule: rule[0] in words_of)[-1][
+                1
+            ]
         elif word in known:
-            found[number] = known[word]
+            materials[number] = known[word]
         else:
             missing[solids[number].product.material].append(solids[number].name)
     if missing:
@@ -124,7 +130,7 @@ def choose_materials(
             f"{show_path(path)}: expected a material for {listed}, got {what}; "
             f'say --material "PATTERN=NAME" with a name of {", ".join(MATERIALS)}'
         )
-    return found
+    return materials
 
 
 def part_lines(parts: Sequence[PartFile], out: Path) -> list[str]:
@@ -174,8 +180,8 @@ def write_import(
             written = json.dumps(asdict(record), ensure_ascii=False)
             (trial / RECORD).write_text(written, encoding="utf-8")
         folder.mkdir(exist_ok=True)
-        for each in sorted(trial.iterdir()):
-            each.replace(folder / each.name)
+        for file in sorted(trial.iterdir()):
+            file.replace(folder / file.name)
     write_bytes(out, content)
 
 

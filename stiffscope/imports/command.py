@@ -117,8 +117,8 @@ def import_(
         require(loops is None, "--loops", "a URDF", "an assembly")
         given = Said(tool=tool, drive=drives, **said)
         with progress(quiet=output.quiet) as open_line:
-            found = import_assembly(model, goal, given, open_line(model.name))
-        emit(output, import_json(found), lambda: show_import(found))
+            imported = import_assembly(model, goal, given, open_line(model.name))
+        emit(output, import_json(imported), lambda: show_import(imported))
         return
     for name, value in said.items():
         fits = not value or name == "material"
@@ -132,6 +132,6 @@ def import_(
         materials=said["material"],
         loops=loops,
     )
-    driven = ", ".join(each.partition("=")[0].strip() for each in drives) or "none"
+    driven = ", ".join(drive.partition("=")[0].strip() for drive in drives) or "none"
     counts = f"{count_model(read)} (driven: {driven})"
     emit(output, model_json(read, goal), lambda: show_written(read, goal, counts))

@@ -62,10 +62,10 @@ class CompiledModel:
 
     def find_inertia(self, body: int) -> Array:
         """Return the inertia (3, 3) of a body about its centre of mass, base axes, as given."""
-        own = self.aside.get(body)
-        if own is not None:
+        inertia = self.aside.get(body)
+        if inertia is not None:
             axes = self.data.xmat[body].reshape(3, 3)
-            return axes @ own @ axes.T
+            return axes @ inertia @ axes.T
         axes = self.data.ximat[body].reshape(3, 3)
         return axes @ np.diag(self.model.body_inertia[body]) @ axes.T
 
@@ -89,7 +89,7 @@ class CompiledModel:
 
     def labels(self, kind: str, count: int, first: int = 0) -> dict[str, int]:
         """Return the numbers of all objects of a kind, by name."""
-        return {self.label(kind, each): each for each in range(first, count)}
+        return {self.label(kind, number): number for number in range(first, count)}
 
     def mover(self, body: int) -> str:
         """Return the name of the moving body to which a body is welded."""
@@ -139,7 +139,7 @@ class CompiledModel:
 
 def print_safely(text: str) -> str:
     """Replace unprintable characters, so that a text is safe in a file or terminal, on one line."""
-    return "".join(each if each.isprintable() else "_" for each in text)
+    return "".join(letter if letter.isprintable() else "_" for letter in text)
 
 
 def compile_at_home(
@@ -169,7 +169,7 @@ def compile_at_home(
         with warnings.catch_warnings(record=True) as warned:
             warnings.simplefilter("always")
             model, notes, aside = _compile(library, path, content, loops)
-        said += [str(each.message) for each in warned]
+        said += [str(warning.message) for warning in warned]
         _check_finite(path, model)
         model.opt.disableflags &= ~int(library.mjtDisableBit.mjDSBL_EQUALITY)
         compiled = CompiledModel(
@@ -183,9 +183,9 @@ def compile_at_home(
         _go_home(compiled, home)
     finally:
         library.set_mju_user_warning(None)
-    if any("'NaN'" in each for each in said):
+    if any("'NaN'" in note for note in said):
         raise InputError(f"{path}: expected {_MODEL} whose numbers are finite, got NaN")
-    compiled.notes += [print_safely(each) for each in [*doubts, *dict.fromkeys(said)]]
+    compiled.notes += [print_safely(doubt) for doubt in [*doubts, *dict.fromkeys(said)]]
     return compiled
 
 
@@ -212,8 +212,8 @@ def _compile(
             spec = mj.MjSpec.from_string(content.decode(errors="replace"))
         spec.compiler.fusestatic = 0
         never, auto = (
-            getattr(mj.mjtInertiaFromGeom, f"mjINERTIAFROMGEOM_{each}")
-            for each in ("FALSE", "AUTO")
+            getattr(mj.mjtInertiaFromGeom, f"mjINERTIAFROMGEOM_{choice}")
+            for choice in ("FALSE", "AUTO")
         )
         if is_urdf(content) and spec.compiler.inertiafromgeom == auto:
             spec.compiler.inertiafromgeom = (
@@ -244,10 +244,10 @@ def _compile(
     except InputError:
         raise
     except (ValueError, OSError, RuntimeError) as error:
-        said = _reason(error)
+        reason = _reason(error)
         expected = f"{_MODEL}, or an assembly in a .step file"
         raise InputError(
-            f"{_place(path, said)}: expected {expected}, got: {said}"
+            f"{_place(path, reason)}: expected {expected}, got: {reason}"
         ) from error
     return model, notes, by_body
 
@@ -263,13 +263,13 @@ def _drop_meshes(mj: Any, spec: Any) -> None:
         spec.pairs,
         spec.sensors,
     )  # may name a deleted geom; nothing here reads them
-    for each in [*shapes, *chain(*others), *chain(*unused)]:
-        spec.delete(each)
+    for shape in [*shapes, *chain(*others), *chain(*unused)]:
+        spec.delete(shape)
 
 
-def _place(path: Path, said: str) -> str:
+def _place(path: Path, reason: str) -> str:
     """Return the file and the line that MuJoCo names, if any."""
-    line = re.search(r"\bline (?:number=)?(\d+)", said, re.IGNORECASE)
+    line = re.search(r"\bline (?:number=)?(\d+)", reason, re.IGNORECASE)
     return f"{path}:{line[1]}" if line else str(path)
 
 
@@ -297,8 +297,8 @@ def _check_urdf(path: Path, content: bytes) -> list[str]:
             joint.update(attributes)
         opened.append(element)
         line = str(parser.CurrentLineNumber)
-        for each in _doubt(element, attributes, joint):
-            doubts.setdefault(each, []).append(line)
+        for doubt in _doubt(element, attributes, joint):
+            doubts.setdefault(doubt, []).append(line)
         if element in _URDF:
             _check_attributes(place, element, attributes, joint)
 
@@ -357,7 +357,7 @@ def _doubt(
         with contextlib.suppress(ValueError):  # MuJoCo says what is wrong
             if (
                 max(
-                    (abs(float(each)) for each in attributes.get(key, "").split()),
+                    (abs(float(word)) for word in attributes.get(key, "").split()),
                     default=0.0,
                 )
                 > _TURN
@@ -393,7 +393,7 @@ def _check_finite(path: Path, m: Any) -> None:
         m.body_inertia,
     )
     numbers = *bodies, m.jnt_pos, m.jnt_axis, m.eq_data, m.opt.gravity
-    finite = all(np.isfinite(each).all() for each in numbers)
+    finite = all(np.isfinite(number).all() for number in numbers)
     # the square of a farthest centre of mass is still a number
     far = (
         np.abs(m.body_pos).max() > _FARTHEST or np.abs(m.body_ipos).max() > _FARTHEST**2

@@ -88,7 +88,7 @@ def _bonds_of(
 
     The assembly's own joints replace the contacts of their two solids.
     """
-    found = []
+    bonds = []
     taken = {frozenset((joint.first, joint.second)) for joint in built}
     touching = defaultdict[frozenset[int], list["Contact"]](list)
     for contact in contacts:
@@ -96,7 +96,7 @@ def _bonds_of(
         touching[pair].append(contact)
         rows = None if pair in taken else _held_by(contact, hardware, scale)
         if rows is not None:
-            found.append(Bond(contact.first, contact.second, rows, contact))
+            bonds.append(Bond(contact.first, contact.second, rows, contact))
     for joint in built:
         free = [
             joint_freedom(kind, at / scale, axis, None)
@@ -105,7 +105,7 @@ def _bonds_of(
         rows = null_space(np.hstack(free).T).T
         for each in touching[frozenset((joint.first, joint.second))] or [None]:
             at = joint.motions[0][1]
-            found.append(
+            bonds.append(
                 Bond(
                     first=joint.first,
                     second=joint.second,
@@ -119,14 +119,14 @@ def _bonds_of(
         form = solids[small].product.form
         ring = solids[small]
         axis = np.array([0.0, 0.0, 1.0]) if form is None else ring.place_axis(form)[1]
-        found.append(Bond(small, large, hold("cone", axis, ring.centre / scale), None))
-    return found
+        bonds.append(Bond(small, large, hold("cone", axis, ring.centre / scale), None))
+    return bonds
 
 
 def _held_by(contact: Contact, hardware: Hardware, scale: float) -> Array | None:
     """Return the constraint rows (m, 6) of a contact, considering hardware; None if it has none."""
     ends = contact.first, contact.second
-    roles = [hardware.roles.get(each, "") for each in ends]
+    roles = [hardware.roles.get(end, "") for end in ends]
     bearing = next(
         (n for n, role in enumerate(roles) if role in {"bearing", "ring"}), None
     )
@@ -183,12 +183,12 @@ def _about_one(freedom: Array, axis: Array, slides: Array, near: Array) -> _Kind
     at = foot + axis * float(axis @ (near - foot))
     along = float(np.linalg.norm(slides.T @ axis))
     straight = abs(off @ axis) < _SAME
-    found = {
+    kinds = {
         0: "revolute" if straight else "",
         1: "cylindrical" if along > 1.0 - _SAME else "",
         2: "planar" if along < _SAME and straight else "",
     }
-    kind = found.get(slides.shape[1], "")
+    kind = kinds.get(slides.shape[1], "")
     return kind, near if kind == "planar" else at, _positive(axis), None
 
 
@@ -235,28 +235,28 @@ def find_joints(
     bought = [bond for bond in bonds if hardware.roles.keys() >= {*bond.ends}]
     for cluster in _join(hardware.roles, bought).subsets():
         inside = [bond for bond in bonds if cluster & {*bond.ends}]
-        ends = sorted({each for bond in inside for each in bond.ends} - cluster)
+        ends = sorted({end for bond in inside for end in bond.ends} - cluster)
         for i, j in _pair_up(ends, inside, direct):
             within = (bond for bond in inside if cluster | {i, j} >= {*bond.ends})
             between[i, j] += [bond for bond in within if {*bond.ends} != {i, j}]
     joints, doubts, planes = list[Freedom](), list[Doubt](), dict[Freedom, float]()
     for (i, j), held in between.items():
-        found = _freedom(
+        joint = _freedom(
             i=i, j=j, bonds=held, solids=solids, scale=scale, hardware=hardware
         )
         kinds = {"" if b.contact is None or b.label else b.contact.kind for b in held}
         bare = kinds == {"plane"} and not hardware.roles.keys() & {
             n for b in held for n in b.ends
         }
-        if found.kind == "planar" or (found.kind == "prismatic" and bare):
-            planes[found] = -sum(
+        if joint.kind == "planar" or (joint.kind == "prismatic" and bare):
+            planes[joint] = -sum(
                 bond.contact.size for bond in held if bond.contact is not None
             )
-        elif found.kind:
-            joints.append(found)
-            turning = _turning_kind(found, held, hardware, scale)
+        elif joint.kind:
+            joints.append(joint)
+            turning = _turning_kind(joint, held, hardware, scale)
             doubts += doubt_threads(
-                joint=found,
+                joint=joint,
                 turning=turning,
                 bonds=held,
                 solids=solids,
@@ -264,10 +264,10 @@ def find_joints(
                 contacts=contacts,
             )
         else:
-            left = f"{found.freedom.shape[1]} freedoms are left ({found.reason})"
+            left = f"{joint.freedom.shape[1]} freedoms are left ({joint.reason})"
             text = f"{left}, which no joint has; say which with --joint"
             doubts.append(
-                Doubt((solids[i].name, solids[j].name), text, tuple(found.at))
+                Doubt((solids[i].name, solids[j].name), text, tuple(joint.at))
             )
     if built:
         doubts += doubt_built(
@@ -300,11 +300,13 @@ def _hold_rods(
     into all of them, it would be no joint where it is the only one. Rods apart whose ends lie in the
     same parts leave these no turn, and no way but off the rods: tie rods, held by all of them.
     """
-    own = defaultdict[int, list[Freedom]](list)
+    joints_of = defaultdict[int, list[Freedom]](list)
     for joint in [*joints, *planes]:
         for end in joint.ends:
-            own[end].append(joint)
-    rods = {rod: around for rod, around in own.items() if _is_bare_rod(rod, around)}
+            joints_of[end].append(joint)
+    rods = {
+        rod: around for rod, around in joints_of.items() if _is_bare_rod(rod, around)
+    }
     fixed = [joint for joint in joints if joint.kind == "fixed"]
     laid = [plane for plane in planes if not _is_turned_on(plane, rods)]
     bodies = _join(range(len(solids)), [*fixed, *laid])
@@ -339,12 +341,12 @@ def _tightest(
     rod: int, around: Sequence[Freedom], solids: Sequence[Instance]
 ) -> list[Freedom]:
     """Return the bores that may hold a rod: the tightest, and of equal fits those at its ends."""
-    clearance = {each: _clearance(each) for each in around}
+    clearance = {contact: _clearance(contact) for contact in around}
     least = min(clearance.values())
-    tight = [each for each in around if clearance[each] <= least + _ALIKE]
+    tight = [contact for contact in around if clearance[contact] <= least + _ALIKE]
     if len(tight) < len(around):
         return tight
-    return [each for each in tight if _is_at_end(each, rod, solids)] or tight
+    return [contact for contact in tight if _is_at_end(contact, rod, solids)] or tight
 
 
 def _find_ties(
@@ -382,9 +384,9 @@ def _choose_seats(
     for joint in around:
         seats[bodies[_other_end(joint, rod)]].append(joint)
 
-    def grip(own: Sequence[Freedom]) -> tuple[int, float]:
-        lengths = [contact.size for joint in own for contact in joint.contacts]
-        return len(own), sum(lengths)
+    def grip(joints: Sequence[Freedom]) -> tuple[int, float]:
+        lengths = [contact.size for joint in joints for contact in joint.contacts]
+        return len(joints), sum(lengths)
 
     return max(seats.values(), key=grip)
 
@@ -487,8 +489,8 @@ def _freedom(
 ) -> Freedom:
     scaled = relative_freedom([(*bond.ends, bond.rows) for bond in bonds], i, j)
     touching = [bond.contact for bond in bonds if bond.contact is not None]
-    round_ = [each for each in touching if each.kind != "plane"] or touching
-    points = [each.point for each in round_] or [
+    round_ = [contact for contact in touching if contact.kind != "plane"] or touching
+    points = [contact.point for contact in round_] or [
         bond.at for bond in bonds if bond.at is not None
     ]
     near = np.mean(points, axis=0)
@@ -505,33 +507,35 @@ def _freedom(
 
 
 def _turning_kind(
-    found: Freedom, bonds: Sequence[Bond], hardware: Hardware, scale: float
+    joint: Freedom, bonds: Sequence[Bond], hardware: Hardware, scale: float
 ) -> str:
     """Return the kind of a joint if its screws with nuts turn in their bores."""
     nutted = {n for n in hardware.roles if hardware.reasons[n] == NUTTED}
     if not nutted & {n for bond in bonds for n in bond.ends}:
-        return found.kind
+        return joint.kind
     pins = replace(hardware, roles=hardware.roles | dict.fromkeys(nutted, "pin"))
     holds = list[tuple[int, int, "Array"]]()
     for bond in bonds:
         contact = None if bond.label else bond.contact
         rows = bond.rows if contact is None else _held_by(contact, pins, scale)
         holds += [] if rows is None else [(*bond.ends, rows)]
-    return kind_of(relative_freedom(holds, *found.ends), found.at / scale)[0]
+    return kind_of(relative_freedom(holds, *joint.ends), joint.at / scale)[0]
 
 
 def _loaded_faces(
     end: int, touching: Sequence[Contact], solid: Instance
 ) -> tuple[int, ...]:
     """Return a joint's loaded faces of a solid: round, or plane and mostly in contact; else all."""
-    own = [contact for contact in touching if end in {contact.first, contact.second}]
+    contacts_of_end = [
+        contact for contact in touching if end in {contact.first, contact.second}
+    ]
     shares = defaultdict[int, float](float)
-    for contact in own:
+    for contact in contacts_of_end:
         face = solid.product.faces[contact.face_of(end)]
         shares[face.index] += (
             1.0 if contact.kind != "plane" else contact.size**2 / face.area
         )
-    least = 0.9 if any(contact.kind != "plane" for contact in own) else 0.5
+    least = 0.9 if any(contact.kind != "plane" for contact in contacts_of_end) else 0.5
     return tuple(
         sorted([face for face, share in shares.items() if share > least] or shares)
     )
@@ -553,10 +557,10 @@ def _reason(
     for bond in bonds:
         if bond.label:
             words[bond.label] = 0
-        for each in bond.ends:
-            role = hardware.roles.get(each)
+        for end in bond.ends:
+            role = hardware.roles.get(end)
             if role in {"screw", "bearing", "pin", "ring"}:
-                name = solids[each].name
+                name = solids[end].name
                 words[name if role in name.lower() else f"{role} {name}"] += 0
         if {*bond.ends} == {*pair} and bond.contact is not None:
             radius = (
@@ -581,7 +585,7 @@ def _add_planes(
 
     Planes between parts already guided by other joints are not joints. Doubts report both.
     """
-    kept, groups = list(joints), _join(range(len(solids)), joints)
+    remaining, groups = list(joints), _join(range(len(solids)), joints)
     bodies = _join(
         range(len(solids)), [joint for joint in joints if joint.kind == "fixed"]
     )
@@ -593,10 +597,10 @@ def _add_planes(
         say = f', say --joint "{"/".join(names)}={other}"'
         doubts.extend([Doubt(names, text + say, tuple(plane.at))] if text else [])
         if joint is not None:
-            kept.append(joint)
+            remaining.append(joint)
             groups.merge(*joint.ends)
 
-    screwed = {each for each in planes if _count_holes(each, solids) > 1}
+    screwed = {side for side in planes if _count_holes(side, solids) > 1}
     for guide in planes:
         if guide.kind == "prismatic" and not _lifts_off(guide, contacts, bodies):
             groups.merge(*guide.ends)
@@ -610,21 +614,21 @@ def _add_planes(
         )
 
     while laid := next(filter(is_laid, planes), None):
-        if groups.connected(*laid.ends) and _moves(laid, kept):
+        if groups.connected(*laid.ends) and _moves(laid, remaining):
             settle(laid, None, _IDLE)
             continue
         settle(laid, _fix(laid), _SCREWED if laid in screwed else _LAID)
         bodies.merge(*laid.ends)
     for plane in [*planes]:
         adds = plane.kind == "prismatic" or holds_more(
-            held_by(plane)[2], kept, *plane.ends
+            held_by(plane)[2], remaining, *plane.ends
         )
         text = _SLIDES if plane.kind == "planar" else ""
-        if not adds and not _moves(plane, kept):
+        if not adds and not _moves(plane, remaining):
             settle(plane, _fix(plane), _LAID)
             continue
         settle(plane, plane if adds else None, text if adds else _IDLE)
-    return kept
+    return remaining
 
 
 def _fix(joint: Freedom) -> Freedom:
@@ -660,17 +664,20 @@ def _lifts_off(
     plane: Freedom, contacts: Sequence[Contact], bodies: DisjointSet
 ) -> bool:
     """Return whether one of two parts on planes, with its ``bodies``, lifts off the other."""
-    ends = [bodies.subset(each) for each in plane.ends]
-    planes = [each for each in contacts if each.kind == "plane"]
+    ends = [bodies.subset(end) for end in plane.ends]
+    planes = [contact for contact in contacts if contact.kind == "plane"]
     for one, other in (ends, ends[::-1]):
         touching = [
-            each for each in planes if (each.first in one) != (each.second in one)
+            side for side in planes if (side.first in one) != (side.second in one)
         ]
         outward = np.array(
-            [each.axis * (1.0 if each.first in one else -1.0) for each in touching]
+            [
+                contact.axis * (1.0 if contact.first in one else -1.0)
+                for contact in touching
+            ]
         )
         between = outward[
-            [bool({each.first, each.second} & other) for each in touching]
+            [bool({contact.first, contact.second} & other) for contact in touching]
         ]
         if any(nnls(outward.T, -normal)[1] > 1e-3 for normal in between):
             return True

@@ -50,7 +50,7 @@ def doubt_threads(
         )
         doubts.append(Doubt((name,), text, tuple(joint.at)))
 
-    for n in dict.fromkeys(each for bond in bonds for each in bond.ends):
+    for n in dict.fromkeys(end for bond in bonds for end in bond.ends):
         role = hardware.roles.get(n, "")
         name = solids[n].name
         if not is_ambiguous(n, name, hardware):
@@ -89,7 +89,7 @@ def doubt_bores(
     adds: Callable[[Contact], bool],
 ) -> list[Doubt]:
     """Return doubts on bores that are too wide to guide or tight enough to hold, if it matters."""
-    found = defaultdict[tuple[str, str, str], dict[str, "Contact"]](dict)
+    contacts_by_bore = defaultdict[tuple[str, str, str], dict[str, "Contact"]](dict)
     for contact in contacts:
         bought = hardware.roles.keys() & {contact.first, contact.second}
         if bought or contact.kind not in {"cylinder", "sphere"}:
@@ -105,26 +105,26 @@ def doubt_bores(
             taken = "a thread or a press fit, which holds" if tight else "no guide"
             i, j = (solids[n].name for n in (contact.first, contact.second))
             say = f'taken as {taken}; if it guides, say --joint "{i}/{j}=KIND"'
-            found[i, j, say].setdefault(what, contact)
+            contacts_by_bore[i, j, say].setdefault(what, contact)
     return [
         Doubt(
             (i, j),
             f"{' and '.join(there)}: {say}",
             tuple(next(iter(there.values())).point),
         )
-        for (i, j, say), there in found.items()
+        for (i, j, say), there in contacts_by_bore.items()
     ]
 
 
 def doubt_built(
     joints: Iterable[Freedom],
-    found: Iterable[Freedom],
+    built_joints: Iterable[Freedom],
     built: Iterable[BuiltJoint],
     solids: Solids,
 ) -> list[Doubt]:
     """Return doubts on joints of the assembly that differ in kind from those by contacts alone."""
     labels = {frozenset((joint.first, joint.second)): joint.label for joint in built}
-    kinds = {frozenset(joint.ends): joint.kind for joint in found}
+    kinds = {frozenset(joint.ends): joint.kind for joint in built_joints}
     doubts = []
     for joint in joints:
         pair = frozenset(joint.ends)
@@ -140,15 +140,15 @@ def doubt_built(
 def doubt_twins(solids: Solids) -> list[Doubt]:
     """Return doubts on solids with the same centre and volume as another."""
     seen = dict[tuple[int, ...], str]()
-    found = list[Doubt]()
+    doubts = list[Doubt]()
     for solid in solids:
         places = (*map(float, solid.centre), float(np.cbrt(solid.product.volume)))
-        key = tuple(round(1e6 * each) for each in places)
+        key = tuple(round(1e6 * place) for place in places)
         if key in seen:
             text = "the same solid twice in one place; remove one in CAD"
-            found.append(Doubt((seen[key], solid.name), text, places[:3]))
+            doubts.append(Doubt((seen[key], solid.name), text, places[:3]))
         seen.setdefault(key, solid.name)
-    return found
+    return doubts
 
 
 def gather_alike(doubts: Sequence[Doubt], solids: Solids) -> list[Doubt]:

@@ -91,21 +91,26 @@ def may_be_nut(
     """Return whether a part may be a nut on a thread drawn with its radius: small, on one axis."""
     solid = solids[number]
     form = solids[number].product.form
-    touching = [each for each in contacts if number in {each.first, each.second}]
+    touching = [
+        contact for contact in contacts if number in {contact.first, contact.second}
+    ]
     around = (
-        each for each in _round(touching, number, inside=False) if each.gap <= 0.0
+        contact
+        for contact in _round(touching, number, inside=False)
+        if contact.gap <= 0.0
     )
     tight = any(
-        hardware.roles.get(each.find_other(number), "pin") == "pin" for each in around
+        hardware.roles.get(contact.find_other(number), "pin") == "pin"
+        for contact in around
     )
     small = form is not None and solid.product.volume < _NUT * form.bore**3
     return small and tight and _is_about_axis(touching, solid)
 
 
 def find_hardware(
-    solids: Solids, contacts: Contacts, said: Mapping[int, str]
+    solids: Solids, contacts: Contacts, given_roles: Mapping[int, str]
 ) -> Hardware:
-    """Distinguish hardware from parts; ``said``: roles given by the user, or "part", by number."""
+    """Distinguish hardware from parts; ``given_roles``: roles given by the user, or "part", by number."""
     pairs, elements = _rolling_bearings(solids)
     found = {
         ring: ("ring", "ring of rolling elements") for pair in pairs for ring in pair
@@ -122,14 +127,18 @@ def find_hardware(
         number for number, (role, _) in found.items() if role in {"bearing", "ring"}
     }
     for number, solid in enumerate(solids):
-        own = touched[number]
+        neighbours = touched[number]
         role = found[number][0]
-        bare = role in {"bushing", "washer"} and not _round(own, number, inside=True)
-        if bare and bearings & _others(_round(own, number, inside=False), number):
+        bare = role in {"bushing", "washer"} and not _round(
+            neighbours, number, inside=True
+        )
+        if bare and bearings & _others(
+            _round(neighbours, number, inside=False), number
+        ):
             found[number] = "", ""
             continue
         turned = solid.product.form
-        planes = [each for each in own if each.kind == "plane"]
+        planes = [each for each in neighbours if each.kind == "plane"]
         if role or turned is None or not bearings & _others(planes, number):
             continue
         ring = (
@@ -137,7 +146,7 @@ def find_hardware(
             and turned.share > _TURNED
             and not turned.holed
         )
-        if ring and _is_about_axis(own, solid):
+        if ring and _is_about_axis(neighbours, solid):
             found[number] = "spacer", "a ring beside a bearing"
     bars = [
         n for n, (role, reason) in found.items() if role == "pin" or reason == NUTTED
@@ -151,7 +160,7 @@ def find_hardware(
     found |= {n: ("", found[n][1]) for n in shafts}
     found |= {
         number: ("" if role == "part" else role, "said so")
-        for number, role in said.items()
+        for number, role in given_roles.items()
     }
     roles = {number: role for number, (role, _) in found.items() if role}
     both = tuple(
@@ -165,15 +174,15 @@ def _role_of(number: int, solids: Solids, touched: Contacts) -> tuple[str, str]:
     """Return role and reason: by shape if all contacts are about the solid's axis, else by name."""
     solid = solids[number]
     form = solids[number].product.form
-    if any(each.kind == "sphere" for each in touched):
+    if any(neighbour.kind == "sphere" for neighbour in touched):
         return "", ""  # a ball stud or rod end
     role, reason = _role_by_shape(number, solids, touched)
     if role and not _is_about_axis(touched, solid):
         return "", ""
     words = [
-        (each.start(), word)
+        (match.start(), word)
         for word in _NAMED
-        for each in _NAMED[word].finditer(solid.name)
+        for match in _NAMED[word].finditer(solid.name)
     ]
     named = max(words, default=(0, ""))[
         1
@@ -202,10 +211,10 @@ def _find_ends(
     held = set[str]()
     roles = {found[other][0] for other in _others(touched[pin], pin)}
     nuts = {"shaft nut", "nut"} if roles & {"bearing", "ring"} else {"shaft nut"}
-    for each in _round(touched[pin], pin, inside=True):
-        other = each.find_other(pin)
+    for contact in _round(touched[pin], pin, inside=True):
+        other = contact.find_other(pin)
         role = found[other][0]
-        if each.gap > FIT[1] * each.radius or role in nuts:
+        if contact.gap > FIT[1] * contact.radius or role in nuts:
             continue
         held.add(role)
         ring = outer.get(other, other)
@@ -221,15 +230,15 @@ def _free_span(bar: int, touched: Contacts) -> float:
         return 0.0
     along = bores[0].axis
     ends = sorted(
-        (each.point @ along - 0.5 * each.size, each.point @ along + 0.5 * each.size)
-        for each in bores
+        (bore.point @ along - 0.5 * bore.size, bore.point @ along + 0.5 * bore.size)
+        for bore in bores
     )
     longest = 0.0
     reached = ends[0][1]
     for low, high in ends[1:]:
         longest = max(longest, float(low - reached))
         reached = max(reached, high)
-    return longest / (2.0 * min(each.radius for each in bores))
+    return longest / (2.0 * min(bore.radius for bore in bores))
 
 
 def _role_by_shape(number: int, solids: Solids, touched: Contacts) -> tuple[str, str]:
@@ -240,10 +249,10 @@ def _role_by_shape(number: int, solids: Solids, touched: Contacts) -> tuple[str,
     inside = _round(touched, number, inside=True)
     around = bool(_round(touched, number, inside=False))
     if form.bore:
-        fits = [each for each in inside if each.gap < FIT[1] * each.radius]
+        fits = [contact for contact in inside if contact.gap < FIT[1] * contact.radius]
         host = fits[0].find_other(number) if fits else None
-        planes = (each for each in touched if each.kind == "plane")
-        sides = [each.axis for each in planes if each.find_other(number) == host]
+        planes = (neighbour for neighbour in touched if neighbour.kind == "plane")
+        sides = [plane.axis for plane in planes if plane.find_other(number) == host]
         grooved = any(float(one @ other) < -_ALONG for one in sides for other in sides)
         return _role_of_ring(form, bool(fits), around, grooved)
     if inside and _is_shoulder_screw(form, number, inside, touched):
@@ -297,13 +306,17 @@ def _role_of_bar(
     """
     radius, length = form.body
     bores = _others(inside, number)
-    fitting = [each for each in inside if FIT[0] <= each.gap / each.radius <= FIT[1]]
+    fitting = [
+        contact
+        for contact in inside
+        if FIT[0] <= contact.gap / contact.radius <= FIT[1]
+    ]
     around = [solids[other].product.form for other in bores]
     nuts = [
         other for other in around if other is not None and other.hexagon and other.bore
     ]
     if form.radius >= 1.3 * radius and form.share > 0.5 and length > 0.5 * form.length:
-        if any(each.radius > 1.05 * radius for each in fitting):
+        if any(contact.radius > 1.05 * radius for contact in fitting):
             return "", ""
         loose = len(fitting) < len(inside)
         if loose or nuts:
@@ -314,7 +327,8 @@ def _role_of_bar(
     if not plain or form.length > _SLENDER * 2.0 * radius or len(bores) < 2:
         return "", ""
     threads = _others(
-        (each for each in inside if each.gap < _THREAD * each.radius), number
+        (contact for contact in inside if contact.gap < _THREAD * contact.radius),
+        number,
     )
     if threads and threads >= _others(fitting, number):
         return "screw", "a thread and a tip without a head"
@@ -325,15 +339,21 @@ def _is_shoulder_screw(
     form: Turned, number: int, inside: Contacts, touched: Contacts
 ) -> bool:
     """Return whether a headed bar guides a part on its shoulder and rests on the threaded part."""
-    guides = [each for each in inside if FIT[0] <= each.gap / each.radius <= FIT[1]]
+    guides = [
+        contact
+        for contact in inside
+        if FIT[0] <= contact.gap / contact.radius <= FIT[1]
+    ]
     guide = max(guides, key=lambda each: each.radius, default=None)
     if guide is None or form.radius < 1.3 * guide.radius:
         return False
-    under = _others((each for each in touched if each.kind == "plane"), number)
+    under = _others(
+        (neighbour for neighbour in touched if neighbour.kind == "plane"), number
+    )
     slim = 0.95 * guide.radius
     steps = sorted(form.steps, key=lambda step: step[1] - step[0])
     narrow = [step for step in steps if step[2] < slim]
-    held = _others((each for each in inside if each.radius < slim), number)
+    held = _others((contact for contact in inside if contact.radius < slim), number)
     if not narrow or not held & under - {guide.find_other(number)}:
         return False
     thread = sum(narrow[-1][:2])
@@ -358,15 +378,19 @@ def _round(
     contacts: Contacts, number: int = -1, *, inside: bool | None = None
 ) -> list[Contact]:
     """Return the cylindrical contacts; if given, only those with a solid inside, or around."""
-    found = [each for each in contacts if each.kind == "cylinder"]
+    round_contacts = [contact for contact in contacts if contact.kind == "cylinder"]
     if inside is None:
-        return found
-    return [c for c in found if ((c.first, c.second)[c.inner or 0] == number) is inside]
+        return round_contacts
+    return [
+        c
+        for c in round_contacts
+        if ((c.first, c.second)[c.inner or 0] == number) is inside
+    ]
 
 
 def _others(contacts: Iterable[Contact], number: int) -> set[int]:
     """Return the solids that contacts join to one."""
-    return {each.find_other(number) for each in contacts}
+    return {contact.find_other(number) for contact in contacts}
 
 
 def _rolling_bearings(solids: Solids) -> tuple[list[tuple[int, int]], set[int]]:
@@ -408,7 +432,7 @@ def _find_between(inner: int, outer: int, solids: Solids) -> list[int]:
     apart = abs(middles[0] - middles[1]) > 0.5 * small.length
     if parallel > 1e-4 or across > 2e-5 or apart or large.bore < small.bore:
         return []
-    found = []
+    elements = []
     for number, solid in enumerate(solids):
         away = solid.centre - point
         form = solid.product.form
@@ -429,5 +453,5 @@ def _find_between(inner: int, outer: int, solids: Solids) -> list[int]:
             and abs(along) < 0.5 * small.length
             and (ball or cage)
         ):
-            found.append(number)
-    return found
+            elements.append(number)
+    return elements

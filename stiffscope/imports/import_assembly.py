@@ -99,7 +99,7 @@ class Imported:
 def import_assembly(
     path: str | Path,
     out: str | Path,
-    said: Said | None = None,
+    settings: Said | None = None,
     progress: Progress | None = None,
 ) -> Imported:
     """Write a robot file from a STEP assembly, and its elastic parts to a folder named after it.
@@ -111,7 +111,7 @@ def import_assembly(
     ----------
     path, out
         STEP assembly, and robot file to write.
-    said
+    settings
         Settings, which take precedence over an `assembly.toml` beside the assembly.
     progress
         Receives the progress of reading and of the search for contacts.
@@ -119,13 +119,13 @@ def import_assembly(
     path = Path(path)
     out = Path(out)
     earlier = check_place(out)
-    said = said_beside(path, said or Said())
+    settings = said_beside(path, settings or Said())
     left_out = list[str]()
     solids = read_assembly(path, left_out=left_out)
     return _import(
         path=path,
         out=out,
-        said=said,
+        said=settings,
         solids=solids,
         built=(),
         left_out=left_out,
@@ -206,10 +206,10 @@ def _import(
     joints, settled = as_said(joints, said.joint, solids, contacts)
     named = [{solids[n].name for n in pair} for pair in settled]
     doubts = [doubt for doubt in doubts if {*doubt.solids} not in named]
-    found = _Found(path, solids, hardware, tuple(joints))
-    ground = _choose_ground(found, said.ground)
-    reached = find_distances(found.joints, ground)
-    loose = {each for joint in found.joints for each in joint.ends} - {
+    assembly = _Found(path, solids, hardware, tuple(joints))
+    ground = _choose_ground(assembly, said.ground)
+    reached = find_distances(assembly.joints, ground)
+    loose = {end for joint in assembly.joints for end in joint.ends} - {
         *reached,
         *hardware.roles,
     }
@@ -219,11 +219,12 @@ def _import(
         Doubt((solids[n].name,), text, tuple(solids[n].centre)) for n in sorted(loose)
     ]
     doubts = gather_alike(doubts, solids)
-    found = replace(
-        found, joints=tuple(joint for joint in found.joints if joint.first in reached)
+    assembly = replace(
+        assembly,
+        joints=tuple(joint for joint in assembly.joints if joint.first in reached),
     )
-    tool = _choose_tool(found, ground, said.tool, reached)
-    model, parts, warnings = _model(path, found, ground, tool, said)
+    tool = _choose_tool(assembly, ground, said.tool, reached)
+    model, parts, warnings = _model(path, assembly, ground, tool, said)
     doubts = warnings + doubts
     lines = [f"#   - {', '.join(doubt.solids)}: {doubt.text}\n" for doubt in doubts]
     review = "".join([_REVIEW, *lines]) if lines else ""
@@ -232,7 +233,7 @@ def _import(
     text = robot_text(
         model, print_safely(path.name), drives, head, part_lines(parts, out)
     )
-    record = make_record(solids, hardware.roles, found.joints, doubts)
+    record = make_record(solids, hardware.roles, assembly.joints, doubts)
     write_import(
         path=path, out=out, text=text, parts=parts, what="an assembly", record=record
     )
@@ -263,23 +264,25 @@ class _Found:
         return [joint for joint in self.joints if number in joint.ends]
 
 
-def _choose_ground(found: _Found, wanted: str | None) -> int:
+def _choose_ground(assembly: _Found, wanted: str | None) -> int:
     """Return the ground part: as given, else the largest of those with a usual name or of all."""
-    parts = [n for n in range(len(found.solids)) if n not in found.hardware.roles]
+    parts = [n for n in range(len(assembly.solids)) if n not in assembly.hardware.roles]
     got = "hardware alone; say --part NAME of what is a part"
-    require(parts, show_path(found.path), "an assembly with parts", got)
+    require(parts, show_path(assembly.path), "an assembly with parts", got)
     if wanted is not None:
-        return _find_wanted(found, "--ground", wanted, parts, "a part, no hardware")
-    named = [n for n in parts if _GROUND.search(found.solids[n].name.split(".")[-1])]
-    named = named or [n for n in parts if _GROUND.search(found.solids[n].name)] or parts
-    return max(named, key=lambda n: (found.solids[n].product.volume, -n))
+        return _find_wanted(assembly, "--ground", wanted, parts, "a part, no hardware")
+    named = [n for n in parts if _GROUND.search(assembly.solids[n].name.split(".")[-1])]
+    named = (
+        named or [n for n in parts if _GROUND.search(assembly.solids[n].name)] or parts
+    )
+    return max(named, key=lambda n: (assembly.solids[n].product.volume, -n))
 
 
 def _choose_tool(
-    found: _Found, ground: int, wanted: str | None, reached: Mapping[int, int]
+    assembly: _Found, ground: int, wanted: str | None, reached: Mapping[int, int]
 ) -> int:
     """Return the tool part: as given, else with a usual name, else behind most moving joints."""
-    solids = found.solids
+    solids = assembly.solids
     able = [n for n in reached if n != ground]
     got = (
         f"none that touches {solids[ground].name}, the ground; say --ground or --joint"
@@ -287,15 +290,16 @@ def _choose_tool(
     if len(solids) == 1:
         single = 'describe a single part in a robot file, with shape = "step"'
         got = f"one solid; {single}"
-    require(able, show_path(found.path), "parts that joints connect", got)
+    require(able, show_path(assembly.path), "parts that joints connect", got)
     if wanted is not None:
-        return _find_wanted(found, "--tool", wanted, able, "a part that moves")
-    fixed = [joint for joint in found.joints if joint.kind == "fixed"]
+        return _find_wanted(assembly, "--tool", wanted, able, "a part that moves")
+    fixed = [joint for joint in assembly.joints if joint.kind == "fixed"]
     whole = {
         n: min(find_distances(fixed, n)) for n in reached
     }  # rigid groups, by their first part
     ends = [
-        replace(j, first=whole[j.first], second=whole[j.second]) for j in found.joints
+        replace(j, first=whole[j.first], second=whole[j.second])
+        for j in assembly.joints
     ]
     distance = find_distances(ends, whole[ground])
     tiny = _TINY * sum(solids[n].product.volume for n in able)
@@ -306,33 +310,38 @@ def _choose_tool(
         able = [n for n in able if kind(n)] or able
     return max(
         able,
-        key=lambda n: (distance[whole[n]], reached[n], len(found.find_joints(n)), -n),
+        key=lambda n: (
+            distance[whole[n]],
+            reached[n],
+            len(assembly.find_joints(n)),
+            -n,
+        ),
     )
 
 
 def _find_wanted(
-    found: _Found, option: str, wanted: str, able: Sequence[int], what: str
+    assembly: _Found, option: str, wanted: str, able: Sequence[int], what: str
 ) -> int:
     """Return the first part that a pattern names among those able."""
-    named = match_solids(found.solids, (wanted,), option).intersection(able)
-    names = list_some([found.solids[n].name for n in able])
+    named = match_solids(assembly.solids, (wanted,), option).intersection(able)
+    names = list_some([assembly.solids[n].name for n in able])
     where = place_of(option, wanted)
     require(named, where, f"{what} ({names})", f'"{wanted}"')
     return min(named)
 
 
 def _model(
-    path: Path, found: _Found, ground: int, tool: int, said: Said
+    path: Path, assembly: _Found, ground: int, tool: int, settings: Said
 ) -> tuple[SimulatorModel, list[PartFile], list[Doubt]]:
     """Return bodies, joints and tool as in a robot file, the elastic parts, and warnings."""
-    solids = found.solids
-    moving = sorted({each for joint in found.joints for each in joint.ends} - {ground})
-    materials = choose_materials(moving, solids, said.material, path)
-    rigid = match_solids(solids, said.rigid, "--rigid")
+    solids = assembly.solids
+    moving = sorted({end for joint in assembly.joints for end in joint.ends} - {ground})
+    materials = choose_materials(moving, solids, settings.material, path)
+    rigid = match_solids(solids, settings.rigid, "--rigid")
     estimates = {n: estimate_part(solids[n], MATERIALS[materials[n]]) for n in moving}
     total = sum(solids[n].product.volume for n in moving)
     soft = max(
-        (estimates[n].compliance for n in moving if len(found.find_joints(n)) > 1),
+        (estimates[n].compliance for n in moving if len(assembly.find_joints(n)) > 1),
         default=0.0,
     )
     bodies = list[ModelBody]()
@@ -341,7 +350,7 @@ def _model(
     warnings = list[Doubt]()
     for number in moving:
         solid = solids[number]
-        held = found.find_joints(number)
+        held = assembly.find_joints(number)
         estimate = estimates[number]
         tiny = (
             solid.product.volume < _TINY * total
@@ -381,21 +390,21 @@ def _model(
         placed = solid.origin, np.zeros((3, 3)), part.name, solid.rotation
         bodies.append(ModelBody(solid.name, 0.0, *placed))
     joints = list[ModelJoint]()
-    for joint in found.joints:
+    for joint in assembly.joints:
         first, second = (
-            GROUND if each == ground else ends[each, joint] for each in joint.ends
+            GROUND if end == ground else ends[end, joint] for end in joint.ends
         )
         axis = None if joint.kind in {"fixed", "spherical"} else joint.axis
-        name = "/".join(solids[each].name for each in joint.ends)
+        name = "/".join(solids[end].name for end in joint.ends)
         place = joint.kind, joint.at, axis, joint.axis2
         joints.append(ModelJoint(name, first, second, *place, note=joint.reason))
-    last = found.find_joints(tool)[-1]
+    last = assembly.find_joints(tool)[-1]
     tool_body = ends[tool, last]
     at = solids[tool].centre if tool_body == solids[tool].name else last.at
-    motions = tool_motions(found.joints, tool, ground, at, measure_size(solids))
-    is_frame = not any(joint.kind != "fixed" for joint in found.joints)
-    if not motions.size and not (is_frame and said.tool and parts):
-        others = len(solids) - len(found.hardware.roles) - 1
+    motions = tool_motions(assembly.joints, tool, ground, at, measure_size(solids))
+    is_frame = not any(joint.kind != "fixed" for joint in assembly.joints)
+    if not motions.size and not (is_frame and settings.tool and parts):
+        others = len(solids) - len(assembly.hardware.roles) - 1
         fixed = (
             f"{solids[ground].name} ({len(moving)} of {others} parts are joined to it)"
         )
@@ -409,9 +418,13 @@ def _model(
             )
         )
     name = print_safely(path.stem)
-    elastic = {n for n in moving if (n, found.find_joints(n)[0]) in ends}
-    bending = [n for n in elastic if ends[n, found.find_joints(n)[0]] != solids[n].name]
-    notes = _notes(found, ground, tool, said) + _softest(bending, estimates, solids)
+    elastic = {n for n in moving if (n, assembly.find_joints(n)[0]) in ends}
+    bending = [
+        n for n in elastic if ends[n, assembly.find_joints(n)[0]] != solids[n].name
+    ]
+    notes = _notes(assembly, ground, tool, settings) + _softest(
+        bending, estimates, solids
+    )
     pose = choose_coordinates(motions)
     if not pose:
         notes = (*notes, "nothing moves: a frame, whose one pose is home")
@@ -500,25 +513,25 @@ def _softest(
     )
 
 
-def _notes(found: _Found, ground: int, tool: int, said: Said) -> tuple[str, ...]:
+def _notes(assembly: _Found, ground: int, tool: int, settings: Said) -> tuple[str, ...]:
     """Return notes on choices and omissions."""
-    solids = found.solids
+    solids = assembly.solids
     density = MATERIALS["steel"].density
-    bought = density * sum(solids[n].product.volume for n in found.hardware.roles)
+    bought = density * sum(solids[n].product.volume for n in assembly.hardware.roles)
     base = f"the ground is {solids[ground].name}, rigid"
     where = "M at its centre of mass where it is rigid, else at its last joint"
     last = f"the tool is {solids[tool].name}, {where}"
-    base += "" if said.ground else "; --ground NAME chooses another"
-    last += "" if said.tool else "; --tool NAME chooses another"
+    base += "" if settings.ground else "; --ground NAME chooses another"
+    last += "" if settings.tool else "; --tool NAME chooses another"
     left = f"the mass of screws, pins and bearings ({bought:.3g} kg if of steel) is left out"
     return (*([left] if bought else []), base, last)
 
 
 def _rigid_reason(
-    number: int, joints: Sequence[Freedom], said: set[int], *, tiny: bool
+    number: int, joints: Sequence[Freedom], with_material: set[int], *, tiny: bool
 ) -> str:
     """Return the reason why a part is rigid; empty if it is elastic."""
-    if number in said:
+    if number in with_material:
         return "rigid, as said"
     faces = [joint.faces[joint.first != number] for joint in joints]
     if not all(faces):

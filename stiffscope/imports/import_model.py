@@ -68,7 +68,7 @@ def import_model(
         path,
         tool,
         _positions(home),
-        [each.partition("=")[0].strip() for each in drives],
+        [drive.partition("=")[0].strip() for drive in drives],
         None if loops is None else read_loops(Path(loops)),
     )
     model, parts = add_solids(path, model, materials) if urdf else (model, [])
@@ -88,12 +88,14 @@ def import_model(
 
 def _positions(texts: Sequence[str]) -> dict[str, float]:
     """Return joint positions, SI, from texts such as "elbow=90 deg" or "slide=20 mm"."""
-    found: dict[str, float] = {}
+    positions: dict[str, float] = {}
     for text in texts:
-        name, equals, value = (each.strip() for each in text.partition("="))
+        name, equals, value = (piece.strip() for piece in text.partition("="))
         where = f"--home {text}"
-        require(name not in found, where, "each joint once", f"{name} twice")
+        require(name not in positions, where, "each joint once", f"{name} twice")
         expected = 'JOINT=POSITION such as "elbow=90 deg"'
         with expecting(where, expected, ValueError, got=f'"{text}"'):
-            found[name] = measured_quantity(number_or_text(value) if equals else None)
-    return found
+            positions[name] = measured_quantity(
+                number_or_text(value) if equals else None
+            )
+    return positions

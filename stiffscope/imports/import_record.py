@@ -105,7 +105,7 @@ def check_place(out: Path) -> ImportRecord | None:
             f"since; import to another file, or --force writes over it"
         )
     for name in (
-        () if is_forced() else sorted(each.name for each in folder.glob("*.step"))
+        () if is_forced() else sorted(path.name for path in folder.glob("*.step"))
     ):
         if earlier is None or name not in earlier.files:
             check_new(folder / name)
@@ -164,23 +164,23 @@ def _match(earlier: ImportRecord, now: ImportRecord) -> dict[str, str]:
         same = np.allclose(earlier.places[old], now.places[name], rtol=0.0, atol=_SAME)
         return same and _is_same(earlier.shapes[old], now.shapes[name])
 
-    found = dict[str, str]()
+    matches = dict[str, str]()
     for rule in (
         lambda name, old: name == old and is_here(name, old),
         is_here,
         operator.eq,
     ):
-        left = [old for old in earlier.shapes if old not in found.values()]
+        left = [old for old in earlier.shapes if old not in matches.values()]
         for name in now.shapes:
             old = (
                 None
-                if name in found
+                if name in matches
                 else next((each for each in left if rule(name, each)), None)
             )
             if old is not None:
-                found[name] = old
+                matches[name] = old
                 left.remove(old)
-    return found
+    return matches
 
 
 def _is_same(shape: Sequence[float], other: Sequence[float]) -> bool:

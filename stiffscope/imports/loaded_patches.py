@@ -51,20 +51,24 @@ def find_patches(
         Its joints.
     """
     loads = {joint: _loading(number, joint) for joint in joints}
-    contacts = list(dict.fromkeys(each for some in loads.values() for each in some))
+    contacts = list(
+        dict.fromkeys(contact for some in loads.values() for contact in some)
+    )
     solid, patches = imprint_contacts(number, solids, contacts)
     areas = [face.area for face in solid.faces]
     faces = dict[Freedom, set[int]]()
     for joint, some in loads.items():
-        own = {face for each in some for face in patches[each]}
+        faces_of_joint = {face for contact in some for face in patches[contact]}
         if not some and solid is solids[number]:  # a joint of the assembly itself
-            own = {*joint.faces[joint.first != number]}
-        whole = sum(areas[face] for face in own)
-        faces[joint] = {face for face in own if areas[face] > _SLIVER * whole}
+            faces_of_joint = {*joint.faces[joint.first != number]}
+        whole = sum(areas[face] for face in faces_of_joint)
+        faces[joint] = {
+            face for face in faces_of_joint if areas[face] > _SLIVER * whole
+        }
     shared = _share_faces(faces, areas)
     touching = _part_touching(solid, faces, areas)
-    found = {joint: tuple(sorted(own)) for joint, own in faces.items()}
-    return LoadedPart(solid, found, shared, touching)
+    loaded = {joint: tuple(sorted(own)) for joint, own in faces.items()}
+    return LoadedPart(solid, loaded, shared, touching)
 
 
 def _loading(number: int, joint: Freedom) -> list[Contact]:
@@ -72,18 +76,22 @@ def _loading(number: int, joint: Freedom) -> list[Contact]:
 
     In a moving joint with round contacts these carry, not the planes beside them.
     """
-    own = [each for each in joint.contacts if number in {each.first, each.second}]
-    round_ = [each for each in own if each.kind != "plane"]
+    contacts_of_part = [
+        contact
+        for contact in joint.contacts
+        if number in {contact.first, contact.second}
+    ]
+    round_ = [contact for contact in contacts_of_part if contact.kind != "plane"]
     if joint.kind == "fixed":
         # a screw in a clearance hole presses on the planes, if there are any
-        planes = [each for each in own if each.kind == "plane"]
+        planes = [contact for contact in contacts_of_part if contact.kind == "plane"]
         tight = [
-            each
-            for each in round_
-            if not each.radius or each.gap <= FIT[1] * each.radius
+            contact
+            for contact in round_
+            if not contact.radius or contact.gap <= FIT[1] * contact.radius
         ]
-        return [*planes, *tight] or own
-    return round_ or own
+        return [*planes, *tight] or contacts_of_part
+    return round_ or contacts_of_part
 
 
 def _share_faces(
@@ -101,8 +109,8 @@ def _share_faces(
                 continue
             common = sum(areas[face] for face in both)
             left = {
-                each: sum(areas[face] for face in faces[each]) - common
-                for each in (joint, other)
+                candidate: sum(areas[face] for face in faces[candidate]) - common
+                for candidate in (joint, other)
             }
             richer = max((joint, other), key=left.__getitem__)
             if left[richer] >= _ENOUGH * (left[richer] + common):
@@ -158,7 +166,7 @@ def _separate(
         able = []
         for one, two in pairs:
             for owner, face in ((joint, one), (other, two)):
-                left = sum(areas[each] for each in faces[owner]) - areas[face]
+                left = sum(areas[number] for number in faces[owner]) - areas[face]
                 if left >= _ENOUGH * whole[owner]:
                     able.append((areas[face] / whole[owner], owner is joint, face))
         if not able:

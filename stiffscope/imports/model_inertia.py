@@ -57,9 +57,9 @@ def _inertial_axes(mj: Any, spec: Any, body: Any) -> Array:
     """Return the axes (3, 3) of a spec's inertial frame, as columns, in those of the body."""
     quaternion = body.iquat
     if body.ialt.type != mj.mjtOrientation.mjORIENTATION_QUAT:
-        own = spec.compiler
+        compiler = spec.compiler
         quaternion = spec.resolve_orientation(
-            degree=own.degree, sequence=own.eulerseq, orientation=body.ialt
+            degree=compiler.degree, sequence=compiler.eulerseq, orientation=body.ialt
         )
     matrix = np.zeros(9)
     mj.mju_quat2Mat(matrix, np.array(quaternion, dtype=float))

@@ -40,11 +40,11 @@ _STEP = re.compile(r"\.(step|stp|p21)$", re.IGNORECASE)
 
 
 def add_solids(
-    path: Path, model: SimulatorModel, said: Sequence[str]
+    path: Path, model: SimulatorModel, texts: Sequence[str]
 ) -> tuple[SimulatorModel, list[PartFile]]:
     """Return a URDF's model with elastic bodies where it points to solids, and their parts.
 
-    ``said``: materials as in `--material`. Notes tell which bodies bend, and why others do not.
+    ``texts``: materials as in `--material`. Notes tell which bodies bend, and why others do not.
     """
     try:
         tree = ET.parse(path).getroot()  # noqa: S314 (read before)
@@ -60,7 +60,7 @@ def add_solids(
         if name in bodies and _STEP.search(file):
             try:
                 found[name] = _read_solid(
-                    path=path, file=file, link=link, tree=tree, model=model, said=said
+                    path=path, file=file, link=link, tree=tree, model=model, said=texts
                 )
             except InputError as error:
                 visual = print_safely(file)
@@ -71,14 +71,18 @@ def add_solids(
     parts = list[PartFile]()
     ends = dict[tuple[str, str], str]()
     materials = (
-        choose_materials(range(len(solids)), solids, said, path) if solids else {}
+        choose_materials(range(len(solids)), solids, texts, path) if solids else {}
     )
     for number, (name, (solid, faces)) in enumerate(found.items()):
-        own = {re.sub(r"[.\s]", "_", joint): each for joint, each in faces.items()}
-        parts.append(PartFile(part_name(solid, parts), solid, materials[number], own))
+        faces_by_joint = {
+            re.sub(r"[.\s]", "_", joint): each for joint, each in faces.items()
+        }
+        parts.append(
+            PartFile(part_name(solid, parts), solid, materials[number], faces_by_joint)
+        )
         ends |= {
             (name, joint): f"{name}.{end}"
-            for joint, end in zip(faces, own, strict=True)
+            for joint, end in zip(faces, faces_by_joint, strict=True)
         }
         mass = MATERIALS[materials[number]].density * solid.product.volume
         given = f"not {bodies[name].mass:.4g} kg"
@@ -94,7 +98,7 @@ def add_solids(
         )
     joints = list[ModelJoint]()
     for j in model.joints:
-        first, second = (ends.get((each, j.name), each) for each in (j.first, j.second))
+        first, second = (ends.get((end, j.name), end) for end in (j.first, j.second))
         joints.append(replace(j, first=first, second=second))
     tool = {name: end for (name, _), end in ends.items()}.get(
         model.tool_body, model.tool_body
@@ -122,9 +126,9 @@ def _read_solid(
         {end.get("link") for end in joint}
         for joint in tree.iterfind("joint[@type='fixed']")
     ]
-    heavy = {each.get("name") for each in tree if each.find("inertial") is not None} - {
-        name
-    }
+    heavy = {
+        element.get("name") for element in tree if element.find("inertial") is not None
+    } - {name}
     if len(link.findall("visual")) > 1 or any(
         name in ends and ends & heavy for ends in fixed
     ):
@@ -136,7 +140,7 @@ def _read_solid(
         raise InputError(f'say --material "{name}=NAME" to let it bend')
     tail = re.sub(r"^\w+://", "", file)
     tails = (tail, tail.partition("/")[2])
-    places = (base / each for base in path.absolute().parents for each in tails)
+    places = (base / end for base in path.absolute().parents for end in tails)
     one, *more = read_assembly(next(filter(Path.is_file, places), path.parent / tail))
     if more:
         raise InputError(f"expected one solid, got {1 + len(more)}")

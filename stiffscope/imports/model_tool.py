@@ -59,7 +59,7 @@ def _last_body(source: CompiledModel) -> int:
     for body in range(1, m.nbody):
         depth[body] = depth[m.body_parentid[body]] + 1
     ends = [
-        each for number in source.closures() for each in source.closure_ends(number)[:2]
+        end for number in source.closures() for end in source.closure_ends(number)[:2]
     ]
     joined = [ends.count(source.mover(body)) > 1 for body in range(m.nbody)]
     return max(
@@ -107,7 +107,7 @@ def choose_coordinates(motions: Array) -> tuple[str, ...]:
         rows = motions[[*chosen, coordinate]]
         if len(rows) <= motions.shape[1] and np.linalg.svd(rows)[1].min() > 1e-6:
             chosen.append(coordinate)
-    return tuple(("x", "y", "z", "rx", "ry", "rz")[each] for each in chosen)
+    return tuple(("x", "y", "z", "rx", "ry", "rz")[direction] for direction in chosen)
 
 
 def _jacobian(source: CompiledModel, data: Any, body: int, at: Array) -> Array:

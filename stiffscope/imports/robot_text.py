@@ -61,10 +61,10 @@ def driven(model: SimulatorModel, drives: Sequence[str]) -> dict[str, str]:
     """
     joints = {joint.name: joint for joint in model.joints}
     able = [name for name, joint in joints.items() if joint.kind in _DRIVABLE]
-    found = {}
+    stiffnesses = {}
     for text in drives:
         where = place_of("--drive", text)
-        name, equals, value = (each.strip() for each in text.partition("="))
+        name, equals, value = (piece.strip() for piece in text.partition("="))
         expected = 'JOINT=STIFFNESS such as "joint1=25 kN*m/rad"'
         require(equals, where, expected, f'"{text}"')
         named = [name] if name in able else fnmatch.filter(able, name)
@@ -76,10 +76,10 @@ def driven(model: SimulatorModel, drives: Sequence[str]) -> dict[str, str]:
         for joint in named:
             with naming(where):
                 q.to_si(number_or_text(value), _DRIVABLE[joints[joint].kind])
-            first = joint not in found
+            first = joint not in stiffnesses
             require(first, where, "one stiffness of each joint", f"two of {joint}")
-        found |= dict.fromkeys(named, to_toml(number_or_text(value)))
-    return found
+        stiffnesses |= dict.fromkeys(named, to_toml(number_or_text(value)))
+    return stiffnesses
 
 
 def number_or_text(value: str) -> float | str:

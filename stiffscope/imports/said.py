@@ -44,11 +44,11 @@ class Said:
     drive: tuple[str, ...] = ()
 
 
-def said_beside(path: Path, said: Said) -> Said:
-    """Read `assembly.toml` beside a file; ``said`` takes precedence. InputError if invalid."""
+def said_beside(path: Path, settings: Said) -> Said:
+    """Read `assembly.toml` beside a file; ``settings`` takes precedence. InputError if invalid."""
     file = path.with_name(SETTINGS)
     if not file.is_file():
-        return said
+        return settings
     what = "what is said of an assembly"
     source = Source(file, read_text(file, what))
     table = parse_text(file, source.text, what)
@@ -56,11 +56,11 @@ def said_beside(path: Path, said: Said) -> Said:
         table, lambda *key: f"{show_path(file)}:{source.line(key)}: {key[0]}"
     )
     lists = {
-        each.name: (*getattr(held, each.name), *getattr(said, each.name))
-        for each in fields(Said)
-        if each.name not in _SINGLE
+        field.name: (*getattr(held, field.name), *getattr(settings, field.name))
+        for field in fields(Said)
+        if field.name not in _SINGLE
     }
-    return Said(said.ground or held.ground, said.tool or held.tool, **lists)
+    return Said(settings.ground or held.ground, settings.tool or held.tool, **lists)
 
 
 def said_of(table: Mapping[str, Any], place: Callable[..., str] | None = None) -> Said:
@@ -68,7 +68,7 @@ def said_of(table: Mapping[str, Any], place: Callable[..., str] | None = None) -
 
     Raises InputError if invalid; the message begins with the key's ``place``, if given.
     """
-    known = [each.name for each in fields(Said)]
+    known = [field.name for field in fields(Said)]
     values: dict[str, Any] = {}
     for key, value in table.items():
         where = key if place is None else place(key)
@@ -79,7 +79,7 @@ def said_of(table: Mapping[str, Any], place: Callable[..., str] | None = None) -
         )
         texts = [texts] if isinstance(texts, str) else texts
         listed = isinstance(texts, (list, tuple)) and all(
-            isinstance(each, str) for each in texts
+            isinstance(text, str) for text in texts
         )
         valid = listed and (key not in _SINGLE or len(texts) == 1)
         expected = "a name" if key in _SINGLE else "a list of texts"
@@ -98,7 +98,7 @@ def match_solids(
     solids: Sequence[Instance], patterns: Iterable[str], option: str
 ) -> set[int]:
     """Return the solids that match patterns; raise InputError if a pattern matches none."""
-    found = set[int]()
+    matching = set[int]()
     for pattern in patterns:
         names = enumerate(solid.name.lower() for solid in solids)
         here = {n for n, name in names if fnmatch.fnmatch(name, pattern.lower())}
@@ -108,13 +108,13 @@ def match_solids(
             raise InputError(
                 f'{where}: expected the name of a solid ({known}), got "{pattern}"'
             )
-        found |= here
-    return found
+        matching |= here
+    return matching
 
 
 def as_said(
     joints: Sequence[Freedom],
-    said: Sequence[str],
+    texts: Sequence[str],
     solids: Sequence[Instance],
     contacts: Sequence[Contact],
 ) -> tuple[list[Freedom], set[frozenset[int]]]:
@@ -124,13 +124,13 @@ def as_said(
 
     Raises InputError if no two solids in contact match, or the kind of joint is unknown.
     """
-    found = list(joints)
+    remaining = list(joints)
     named = set[frozenset[int]]()
     scale = measure_size(solids)
-    for text in said:
-        pair, _, kind = (each.strip() for each in text.rpartition("="))
+    for text in texts:
+        pair, _, kind = (piece.strip() for piece in text.rpartition("="))
         where = place_of("--joint", text)
-        first, _, second = (each.strip() for each in pair.partition("/"))
+        first, _, second = (piece.strip() for piece in pair.partition("/"))
         valid = kind in {*FREE, "none"} and first and second
         kinds = ", ".join((*FREE, "none"))
         require(valid, where, f"A/B=KIND with one of {kinds}", f'"{text}"')
@@ -139,23 +139,23 @@ def as_said(
         )
         pairs = {frozenset(each) for each in product(ones, others)}
         here = defaultdict[frozenset[int], list[Any]](list)
-        for each in (*found, *contacts):
-            both = frozenset((each.first, each.second))
+        for contact in (*remaining, *contacts):
+            both = frozenset((contact.first, contact.second))
             if both in pairs:
-                here[both].append(each)
+                here[both].append(contact)
         got = f'"{first}" and "{second}", which do not'
         require(here, where, "two solids that touch", got)
         named |= here.keys()
-        found = [joint for joint in found if frozenset(joint.ends) not in here]
+        remaining = [joint for joint in remaining if frozenset(joint.ends) not in here]
         if kind != "none":
-            found += [_as_kind(kind, each, scale) for each in here.values()]
-    return found, named
+            remaining += [_as_kind(kind, touching, scale) for touching in here.values()]
+    return remaining, named
 
 
 def _as_kind(kind: str, here: Sequence[Freedom | Contact], scale: float) -> Freedom:
     """Return a joint of a kind between two solids, at the joint found or at the largest contact."""
-    joint: Any = next((each for each in here if isinstance(each, Freedom)), None)
-    touching = [each for each in here if not isinstance(each, Freedom)]
+    joint: Any = next((pair for pair in here if isinstance(pair, Freedom)), None)
+    touching = [pair for pair in here if not isinstance(pair, Freedom)]
     if touching and (joint is None or joint.axis is None):
         best = max(touching, key=lambda c: (c.kind != "plane", c.size))
         ends = best.first, best.second

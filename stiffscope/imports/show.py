@@ -22,37 +22,39 @@ def model_json(read: SimulatorModel, file: Path) -> dict[str, Any]:
     return {"file": str(file), **counts, "notes": list(read.notes)}
 
 
-def import_json(found: Imported) -> dict[str, Any]:
+def import_json(imported: Imported) -> dict[str, Any]:
     """Return the same for an assembly, with joints, hardware, doubts and changes."""
-    joints = {j.name: {"type": j.kind, "reason": j.note} for j in found.model.joints}
+    joints = {j.name: {"type": j.kind, "reason": j.note} for j in imported.model.joints}
     return {
-        **model_json(found.model, found.file),
+        **model_json(imported.model, imported.file),
         "joints_found": joints,
-        "hardware": found.hardware,
-        "doubts": [asdict(doubt) for doubt in found.doubts],
-        "changes": found.changes,
+        "hardware": imported.hardware,
+        "doubts": [asdict(doubt) for doubt in imported.doubts],
+        "changes": imported.changes,
     }
 
 
-def show_import(found: Imported) -> None:
+def show_import(imported: Imported) -> None:
     """Print the joints with reasons, the findings to review and the changes."""
-    for doubt in found.doubts:
+    for doubt in imported.doubts:
         if doubt.warning:
             show_line(f"Warning: {', '.join(doubt.solids)} is {doubt.text}.")
-    rows = [(joint.name, joint.kind, joint.note) for joint in found.model.joints]
+    rows = [(joint.name, joint.kind, joint.note) for joint in imported.model.joints]
     show_named("Joints", ("joint", "kind", "from"), rows, prose=("joint", "from"))
-    show_doubts(found.doubts)
-    for change in found.changes or ():
+    show_doubts(imported.doubts)
+    for change in imported.changes or ():
         show_line(f"Since the last import: {change}.")
-    if found.changes == ():
+    if imported.changes == ():
         show_line("Since the last import: nothing has changed.")
-    model = found.model
-    driven = ", ".join(found.driven) or "none"
-    solids = say_count(found.solids, "solid")
-    contacts = say_count(found.contacts, "contact")
-    bought = say_count(len(found.hardware), "piece of hardware", "pieces of hardware")
+    model = imported.model
+    driven = ", ".join(imported.driven) or "none"
+    solids = say_count(imported.solids, "solid")
+    contacts = say_count(imported.contacts, "contact")
+    bought = say_count(
+        len(imported.hardware), "piece of hardware", "pieces of hardware"
+    )
     counts = f"{solids}, {contacts}; {count_model(model)}, {bought} (driven: {driven})"
-    show_written(model, found.file, counts)
+    show_written(model, imported.file, counts)
 
 
 def count_model(model: SimulatorModel) -> str:

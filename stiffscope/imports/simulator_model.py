@@ -144,9 +144,11 @@ def read_model(
     source.notes.append(f"tool: {where}; check body and point")
     gravity = np.array(source.model.opt.gravity)
     notes = tuple(source.notes)
-    own = source.model.names.partition(b"\0")[0].decode(errors="replace")
+    model_name = source.model.names.partition(b"\0")[0].decode(errors="replace")
     name = print_safely(
-        own if own.strip() and own != "MuJoCo Model" else source.path.stem
+        model_name
+        if model_name.strip() and model_name != "MuJoCo Model"
+        else source.path.stem
     )
     tool_of = source.mover(body), at, pose
     return SimulatorModel(name, tuple(bodies), tuple(joints), *tool_of, gravity, notes)
@@ -188,7 +190,7 @@ def _leave_out_impossible(
     for body in bodies:
         if body.mass and violation(body.inertia) > EXCESS:
             left.append(body)
-            given = ", ".join(f"{each:.4g}" for each in body.inertia[SIX])
+            given = ", ".join(f"{moment:.4g}" for moment in body.inertia[SIX])
             note = f"inertia [{given}] of the source is left out: no body has it"
             out.append(replace(body, inertia=np.zeros((3, 3)), note=note))
         else:
@@ -302,8 +304,8 @@ def _tree_joints(source: CompiledModel, drives: Sequence[str]) -> Iterator[Model
     for body, name in source.movers.items():
         first = int(m.body_jntadr[body])
         count = int(m.body_jntnum[body])
-        found = [_tree_joint(source, first + n) for n in range(count)]
-        joints = [joint for joint in found if joint is not None]
+        tree_joints = [_tree_joint(source, first + n) for n in range(count)]
+        joints = [joint for joint in tree_joints if joint is not None]
         if _are_universal(joints, drives):
             one, two = joints
             joints = [replace(one, kind="universal", axis2=two.axis)]
@@ -335,7 +337,7 @@ def _tree_joint(source: CompiledModel, number: int) -> ModelJoint | None:
         axis = d.xaxis[number].copy()
         if m.jnt_limited[number]:
             here = float(d.qpos[m.jnt_qposadr[number]])
-            low, high = (float(each) - here for each in m.jnt_range[number])
+            low, high = (float(limit) - here for limit in m.jnt_range[number])
             limits = low, high
         elif m.jnt_range[number, 0] > m.jnt_range[number, 1]:
             source.notes.append(
@@ -344,13 +346,13 @@ def _tree_joint(source: CompiledModel, number: int) -> ModelJoint | None:
     note, gain = _actuator(source, number)
     dof = int(m.jnt_dofadr[number])
     at = d.xanchor[number].copy()
-    found = (
+    properties = (
         m.jnt_stiffness[number],
         m.dof_damping[dof],
         m.dof_armature[dof],
         m.dof_frictionloss[dof],
     )
-    sizes = (float(np.ravel(each)[0]) for each in found)
+    sizes = (float(np.ravel(joint)[0]) for joint in properties)
     pairs = zip(_DYNAMICS, sizes, strict=True)
     dynamics = {word: size for word, size in pairs if size}
     return ModelJoint(
@@ -424,7 +426,7 @@ def _describe_coupling(source: CompiledModel, number: int) -> str:
     if not source.is_a(m.eq_type[number], "mjtEq", "mjEQ_JOINT"):
         return "coordinates, which no joint does"
     ends = int(m.eq_obj1id[number]), int(m.eq_obj2id[number])
-    names = [source.label("joint", each) for each in ends if each >= 0]
+    names = [source.label("joint", end) for end in ends if end >= 0]
     return (
         f"the coordinates of joints {' and '.join(names)} (mimic), which no joint does"
     )
@@ -455,13 +457,13 @@ def _closing_joint(
 
 def _name_apart(joints: Iterable[ModelJoint]) -> list[ModelJoint]:
     """Return the joints with unique names."""
-    found = dict[str, ModelJoint]()
+    by_name = dict[str, ModelJoint]()
     for joint in joints:
         name = joint.name
-        while name in found or name == GROUND:
+        while name in by_name or name == GROUND:
             name += ".joint"
-        found[name] = replace(joint, name=name)
-    return list(found.values())
+        by_name[name] = replace(joint, name=name)
+    return list(by_name.values())
 
 
 def find_distances(joints: Iterable[Any], ground: Any) -> dict[Any, int]:
@@ -485,7 +487,7 @@ def _are_universal(joints: list[ModelJoint], drives: Sequence[str]) -> bool:
         return False
     if any(
         joint.name in drives
-        or any(fnmatch.filter([joint.name], each) for each in drives)
+        or any(fnmatch.filter([joint.name], drive) for drive in drives)
         for joint in joints
     ):
         return False

@@ -151,19 +151,25 @@ def find_sliders(robot: RobotFile) -> list[Slider]:
     for k, name in enumerate(WRENCH):
         most, unit = (FORCE, "N") if k < 3 else (MOMENT, "N*m")
         out.append(Slider(name, "load", 0.0, -most, most, *SHOWN[unit]))
-    for each in parameters(robot):
-        scale, unit = SHOWN.get(each.unit, (1.0, each.unit.replace("*", "·")))
-        by = 2.0 if each.unit in LENGTHS or each.name.startswith("materials.") else 10.0
-        low, high = sorted((each.value / by, each.value * by))
+    for parameter in parameters(robot):
+        scale, unit = SHOWN.get(parameter.unit, (1.0, parameter.unit.replace("*", "·")))
+        by = (
+            2.0
+            if parameter.unit in LENGTHS or parameter.name.startswith("materials.")
+            else 10.0
+        )
+        low, high = sorted((parameter.value / by, parameter.value * by))
         group = (
-            each.name.split(".")[0] if each.key[0] != "parts" else f"part {each.key[1]}"
+            parameter.name.split(".")[0]
+            if parameter.key[0] != "parts"
+            else f"part {parameter.key[1]}"
         )
         decades = by > 2.0 and low > 0.0
         out.append(
             Slider(
-                name=each.name,
+                name=parameter.name,
                 group=group,
-                value=each.value,
+                value=parameter.value,
                 low=low,
                 high=high,
                 scale=scale,
@@ -238,32 +244,40 @@ def answer(
     """
     mechanism = assembled.mechanism
     state = at_named_poses(assembled, {"now": setting.pose})
-    found = state.configurations.require_valid()
+    configurations = state.configurations.require_valid()
     load = np.array(setting.load)
     with record_shown() as shown:
-        tables.show_stiffness(["now"], state, stiffness_bars(assembled, found))
+        tables.show_stiffness(["now"], state, stiffness_bars(assembled, configurations))
         if load.any():
-            bent = deflection(mechanism, found, load)
-            bars = deflection_bars(assembled, found, bent.twist)
+            bent = deflection(mechanism, configurations, load)
+            bars = deflection_bars(assembled, configurations, bent.twist)
             words = ", ".join(f"{c:g}" for c in load)
             tables.show_deflection(["now"], bent.twist, bent.shares, words, bars)
         with suppress(InputError):  # without masses
-            sounds = modes(mechanism, found, MODES)
+            sounds = modes(mechanism, configurations, MODES)
             tables.show_modes(["now"], sounds, "Natural frequencies, drives held")
         if job is not None:
-            limits = judge(job, assembled, found, named_axes(job, found.tool))
+            limits = judge(
+                job, assembled, configurations, named_axes(job, configurations.tool)
+            )
             show_limits(["now"], limits)
-    view = robot_view({}, found, ["now"], _cases(assembled, found, load))
+    view = robot_view(
+        {}, configurations, ["now"], _cases(assembled, configurations, load)
+    )
     return {"tables": as_html(shown), "view": view}
 
 
-def _cases(assembled: Assembled, found: Configurations, load: Any) -> list[Any]:
+def _cases(
+    assembled: Assembled, configurations: Configurations, load: Any
+) -> list[Any]:
     """Return the load of the sliders, if any, and the unit wrenches."""
-    units = unit_wrenches(assembled.mechanism, found)
+    units = unit_wrenches(assembled.mechanism, configurations)
     if not load.any():
         return units
-    own = wrench_cases(assembled.mechanism, found, {"slider load": load})
-    return [[*first, *others] for first, others in zip(own, units, strict=True)]
+    push_cases = wrench_cases(
+        assembled.mechanism, configurations, {"slider load": load}
+    )
+    return [[*first, *others] for first, others in zip(push_cases, units, strict=True)]
 
 
 def draw_maps(assembled: Assembled) -> str:
@@ -271,25 +285,27 @@ def draw_maps(assembled: Assembled) -> str:
     robot = assembled.robot
     if robot.map is None:
         return ""
-    found = map_robot(robot, assembled.mechanism, POINTS, "none")
+    stiffness_map = map_robot(robot, assembled.mechanism, POINTS, "none")
     shades = mpl.colormaps["cividis"]
     drawn: list[dict[str, Any]] = []
     for k, (name, (unit, factor)) in enumerate(zip(DIAGONAL, UNITS, strict=True)):
-        values = factor * found.stiffness[:, :, k]
+        values = factor * stiffness_map.stiffness[:, :, k]
         low = np.nanmin(values)
         high = np.nanmax(values)
         share = np.nan_to_num((values - low) / (high - low or 1.0))
         colours = (255 * shades(share)).astype(np.uint8)
         colours[np.isnan(values), 3] = 0
         out = io.BytesIO()
-        Image.fromarray(colours if found.down else colours[::-1]).save(out, "PNG")
+        Image.fromarray(colours if stiffness_map.down else colours[::-1]).save(
+            out, "PNG"
+        )
         source = f"data:image/png;base64,{base64.b64encode(out.getvalue()).decode()}"
         drawn.append(
             {"name": name, "range": f"{low:.3g} to {high:.3g} {unit}", "source": source}
         )
     swept = (
-        ("across", found.across, found.columns),
-        ("down" if found.down else "up", found.up, found.rows),
+        ("across", stiffness_map.across, stiffness_map.columns),
+        ("down" if stiffness_map.down else "up", stiffness_map.up, stiffness_map.rows),
     )
     axes = "; ".join(
         f"{way} {coordinates([name])} from {factor * ends[0]:.4g} to {factor * ends[-1]:.4g}"
@@ -329,9 +345,9 @@ def compare_readings(case: Case, assembled: Assembled) -> dict[str, Any]:
     of = [sure & (campaign.sensor == k) for k in range(len(campaign.sensors))]
     sizes = [left[mine] / campaign.sigma[mine] for mine in of]
     drawn = [
-        each
-        for each in marks(campaign, assembled.mechanism)
-        if each["kind"] == "sensor"
+        mark
+        for mark in marks(campaign, assembled.mechanism)
+        if mark["kind"] == "sensor"
     ]
     return {"readings": as_html(shown), "marks": list(map(_mark, drawn, sizes))}
 
@@ -360,18 +376,18 @@ def view_html(
         Drawing function from `stiffscope.report.pictures.open_drawing`.
     """
     mechanism = assembled.mechanism
-    found = configure(mechanism, [setting.pose])
-    if not found.valid.all():
-        found = configure(mechanism, [mechanism.tool.home])
+    configurations = configure(mechanism, [setting.pose])
+    if not configurations.valid.all():
+        configurations = configure(mechanism, [mechanism.tool.home])
     drawn = scene(assembled.robot, mechanism)
     with scratch_folder() as folder:
         try:
             draw_now("robot", folder, pictures=[], geometry=GEOMETRY, **drawn)
         except PictureError:
             return ""
-        cases = _cases(assembled, found, np.array(setting.load))
+        cases = _cases(assembled, configurations, np.array(setting.load))
         caption = f"Components coloured by their {ENERGY}."
-        view = Draft(folder).turn_robot(found, ["now"], cases, caption)
+        view = Draft(folder).turn_robot(configurations, ["now"], cases, caption)
     return page.templates().get_template("live_view.html").render(view=view)
 
 
@@ -379,7 +395,7 @@ def first_view_html(robot: RobotFile) -> str:
     """Return the robot with its solids, before any experiment, as HTML; "" if it cannot be drawn."""
     mechanism = rigid_mechanism(robot)
     start = next(iter(robot.known_poses.values()))
-    found = configure(mechanism, [start])
+    configurations = configure(mechanism, [start])
     with scratch_folder() as folder, open_drawing() as draw_now:
         drawn = scene(robot, mechanism)
         try:
@@ -387,7 +403,7 @@ def first_view_html(robot: RobotFile) -> str:
         except PictureError:
             return ""
         caption = "The robot; its stiffness follows."
-        view = Draft(folder).turn_robot(found, ["now"], [[]], caption)
+        view = Draft(folder).turn_robot(configurations, ["now"], [[]], caption)
     return page.templates().get_template("live_view.html").render(view=view)
 
 
@@ -397,8 +413,8 @@ def render_page(
     """Return the page of the live view; its results arrive through the web socket."""
     choices = find_choices(robot)
     groups: dict[str, list[Slider | Choice]] = {}
-    for each in (*sliders, *choices):
-        groups.setdefault(each.group, []).append(each)
+    for slider in (*sliders, *choices):
+        groups.setdefault(slider.group, []).append(slider)
     given = {
         "title": f"{robot.name}: live",
         "groups": groups,

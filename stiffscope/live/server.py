@@ -158,14 +158,14 @@ class LiveRobot:
             with workshop(self._open_line) as shop:
                 robots = {"live": self.changed(setting.values)}
                 near = self._meshed
-                made = assemble_robots(
+                assembled = assemble_robots(
                     robots, self.components, shop, whole=False, near=near
                 )["live"]
         except (StiffscopeError, OSError, RuntimeError) as error:
             self.tell({"problem": str(error)})
             return
-        keep_meshed(self._meshed, made.results)
-        self.made = made, setting.values
+        keep_meshed(self._meshed, assembled.results)
+        self.made = assembled, setting.values
         asked = self.asked or setting
         for work in (
             self._follow,
@@ -208,24 +208,24 @@ class LiveRobot:
         """Draw the maps and solids of the assembled robot."""
         if self.made is None:
             return
-        made, _ = self.made
+        assembled, _ = self.made
         with contextlib.suppress(StiffscopeError), open_drawing() as draw_now:
-            solids = live.view_html(made, setting, draw_now)
+            solids = live.view_html(assembled, setting, draw_now)
             self._drawn = True
             self.tell({"solids": solids})
         with contextlib.suppress(StiffscopeError):
-            self.tell({"maps": live.draw_maps(made)})
+            self.tell({"maps": live.draw_maps(assembled)})
 
     def compare(self, _setting: Setting) -> None:
         """Compare the campaign's readings with the assembled robot and send the diagnosis."""
         if self.campaign is None or self.made is None:
             return
-        made, _ = self.made
+        assembled, _ = self.made
         try:
             case = open_case(self.campaign, instead=str(self.robot.source.path))
-            self.tell(live.compare_readings(case, made))
+            self.tell(live.compare_readings(case, assembled))
             with workshop() as shop, record_shown() as shown:
-                gap_tables.show_diagnosis(diagnose_case(case, made, shop))
+                gap_tables.show_diagnosis(diagnose_case(case, assembled, shop))
             self.tell({"diagnosis": live.as_html(shown)})
         except (StiffscopeError, OSError) as error:
             self.tell({"problem": str(error)})

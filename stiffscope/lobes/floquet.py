@@ -41,18 +41,22 @@ _BROAD = 24  # values of μ on half the circle
 _SHARP = np.array([-8.0, -3.0, -1.0, 0.0, 1.0, 3.0, 8.0])  # half widths of a resonance
 _STEEP = 10  # intervals that are refined in a round
 _PARTS = 4  # of an interval
-_LOWER = np.geomspace(0.08, 1.0, 12)  # of the depth, at which steep intervals count
+_LOWER = 8  # depths up to the present one at which steep intervals count,
+_LOWER_LAST = 32  # and at the end of a thorough search
 _ROUNDS = 4
 _SAME = 2e-3  # change of a depth by finer points
-_LOW, _HIGH = 0.05, 150.0  # depths of the search, of 1 / (2 max |λ|)
-_TRIALS = 72
-_AGAIN = np.append(np.geomspace(0.1, 1.02, 24), np.geomspace(1.3, 12.0, 9))
-_HALVINGS = 8
+_HIGH = 500.0  # end of the search, of 1 / (2 max |λ|)
+_SAFE = 0.8  # of the depth 1 / max |λ| at the angles, as peaks between them are higher
+_TRIALS = 1.1 ** np.arange(1, 13)  # depths tried at a time, of the last that is stable,
+_TRIALS_LAST = 1.03 ** np.arange(1, 33)  # and at the end of a thorough search
+_HALVINGS = 3
+_NEWTON = 4
 _POLISH = 4  # steps to the exact crossing
 _WITHIN = 0.1  # relative change of the depth by polishing, at most
 _NEAR = 0.5  # the same from a guess
 _SETTLED = 1e-6  # imaginary part of 1/b, relative
-_BELOW = np.append(np.geomspace(0.08, 0.8, 11), 0.985)  # of a limit: stable depths
+_BELOW = 32  # stable depths up to a limit,
+_ALMOST = 0.985  # and the last of them
 _ABOVE = 1.015  # of a limit: depth that must be unstable
 _BESIDE = np.array([-0.1, -0.03, -0.01, 0.0, 0.01, 0.03, 0.1])  # rad
 _STEP = 1e-5  # relative, of derivatives by frequency and damping
@@ -157,28 +161,123 @@ class Loop:
         return -1j * inverse[..., None] * by_inverse
 
 
+@dataclass(frozen=True, eq=False)
+class Curve:
+    """det(1 - b Λ(exp iθ)) of p pairs at t angles, as polynomials of the depth b over a scale.
+
+    Attributes
+    ----------
+    theta
+        Angles (p, t), ascending from 0 to π.
+    coefficients
+        Coefficients (k, p, t), of the powers 0 to k - 1.
+    radius
+        Bounds (p, t) of the largest |λ|, by the scale.
+    """
+
+    theta: Array
+    coefficients: Complex
+    radius: Array
+
+    def __getitem__(self, some: Indices) -> Curve:
+        """Return the curves of some pairs."""
+        return Curve(self.theta[some], self.coefficients[:, some], self.radius[some])
+
+    @property
+    def stable(self) -> Array:
+        """Depth (p,) below which no multiplier can be outside the circle: |b λ| < 1 everywhere."""
+        depth: Array = _SAFE / np.maximum(self.radius.max(axis=1), 1e-300)
+        return depth
+
+    def at(self, depth: Array) -> Complex:
+        """Return the determinants (p, d, t) at depths (p, d), by Horner's rule."""
+        values = depth[..., None]
+        highest, *others = self.coefficients[::-1, :, None]
+        out = np.broadcast_to(highest, (*depth.shape, highest.shape[-1])).copy()
+        for coefficient in others:
+            out *= values
+            out += coefficient
+        return out
+
+    def find_crossing(self, low: Array, high: Array) -> tuple[Array, Array]:
+        """Return the depth (p,) between two at which a multiplier crosses, and its angle (p,).
+
+        Between both depths the phase jumps where the multiplier crosses the circle. There the
+        coefficients are taken as linear between two angles, and Newton's method finds the depth and
+        the share of the way at which the determinant vanishes.
+        """
+        pairs = np.arange(len(low))
+        ends = self.at(np.stack([low, high], axis=1))
+        jump = np.abs(np.diff(_turns(ends), axis=1))[:, 0].argmax(axis=1)
+        begin = self.coefficients[:, pairs, jump]
+        change = self.coefficients[:, pairs, jump + 1] - begin
+        depth = 0.5 * (low + high)
+        share = np.full(len(low), 0.5)
+        for _ in range(_NEWTON):
+            value, by_depth, by_share = 0j, 0j, 0j
+            for first, step in zip(begin[::-1], change[::-1], strict=True):
+                by_depth = by_depth * depth + value
+                value = value * depth + first + share * step
+                by_share = by_share * depth + step
+            # value + by_depth·Δb + by_share·Δs = 0, both real
+            area = (by_depth.conj() * by_share).imag
+            area = np.where(area == 0.0, np.inf, area)
+            depth = depth - (value.conj() * by_share).imag / area
+            share = share + (value.conj() * by_depth).imag / area
+            depth = depth.clip(low, high)
+            share = share.clip(0.0, 1.0)
+        start = self.theta[pairs, jump]
+        return depth, start + share * (self.theta[pairs, jump + 1] - start)
+
+    def refine(
+        self, loop: Loop, depth: Array, scale: Array, lower: int = _LOWER
+    ) -> Curve:
+        """Return the curve with more angles: where its phase turns fast up to depths (p,)."""
+        share = np.linspace(1.0, 0.0, lower, endpoint=False)  # islands may lie below
+        stable = np.minimum(self.stable, depth)
+        some = depth[:, None] * (stable / depth)[:, None] ** (1.0 - share)
+        turns = np.abs(_turns(self.at(some))).max(axis=1)
+        steep = np.argsort(-turns, axis=1)[:, :_STEEP]
+        low = np.take_along_axis(self.theta, steep, axis=1)
+        high = np.take_along_axis(self.theta, steep + 1, axis=1)
+        part = np.linspace(0.0, 1.0, _PARTS + 1)[1:-1]
+        more = low[..., None] + (high - low)[..., None] * part
+        finer = _characteristic(loop, more.reshape(len(depth), -1), scale)
+        theta = np.concatenate([self.theta, finer.theta], axis=1)
+        order = np.argsort(theta, axis=1, kind="stable")
+        both = np.concatenate([self.coefficients, finer.coefficients], axis=2)
+        radius = np.concatenate([self.radius, finer.radius], axis=1)
+        return Curve(
+            theta=np.take_along_axis(theta, order, axis=1),
+            coefficients=np.take_along_axis(both, order[None], axis=2),
+            radius=np.take_along_axis(radius, order, axis=1),
+        )
+
+
 def is_stable(
     response: ToolResponse, cut: Engagement, speed: float, depth: float
 ) -> bool:
     """Return whether a cut is stable at one pose, speed (rev/s) and depth (m)."""
     loop = _form_loop(response, cut, np.array([speed]))
-    theta = _angles(loop, response)
     scale = np.array([depth])
-    polynomial = _characteristic(loop, theta, scale)
+    curve = _characteristic(loop, _angles(loop, response), scale)
     for _ in range(_ROUNDS):
-        theta, polynomial = _refine(loop, theta, polynomial, np.ones(1), scale)
-    return not _count_unstable(_determinants(polynomial, np.ones((1, 1))))[0, 0]
+        curve = curve.refine(loop, np.ones(1), scale)
+    return not _count_unstable(curve.at(np.ones((1, 1))))[0, 0]
 
 
 def interrupted_depths(
     response: ToolResponse, cut: Engagement, speeds: Array, scale: Array
 ) -> Array:
     """Return only the depths (n,), m, of `interrupted_limits`, to a thousandth."""
-    out = np.empty(len(speeds))
-    for some in _group_alike(response, cut, speeds):
+    out = np.full(len(speeds), np.inf)
+    known = np.flatnonzero(np.isfinite(scale))
+    for alike in _group_alike(response[known], cut, speeds[known]):
+        some = known[alike]
         loop = _form_loop(response[some], cut, speeds[some])
-        depth, _, size = _search_depth(loop, response[some], scale[some])
-        out[some] = depth * size
+        curve = _characteristic(loop, _angles(loop, response[some]), scale[some])
+        depth, _ = _search(loop, curve, scale[some], thorough=False)
+        out[some] = depth * scale[some]
     return out
 
 
@@ -241,17 +340,23 @@ def _find_limits(
     near: tuple[Array, Array] | None,
 ) -> Limits:
     loop = _form_loop(response, cut, speeds)
-    guess = np.full(len(speeds), np.inf)
-    turn = np.ones(len(speeds))
+    theta = _angles(loop, response)
+    known = np.isfinite(scale)
+    size = np.where(known, scale, 1.0)
+    depth = np.ones(len(speeds))
+    angle = np.ones(len(speeds))
+    certain = np.zeros(len(speeds), dtype=bool)
     if near is not None:
-        guess, turn = _approach(loop, response, near)
-    far = np.flatnonzero(np.isinf(guess))
-    size = np.where(np.isfinite(scale), scale, 1.0)
-    depth = guess / size
-    angle = turn.copy()
-    if far.size:
-        depth[far], angle[far], _ = _search_depth(loop[far], response[far], scale[far])
-    found = np.isfinite(depth)
+        guess, angle = _settle(loop, near)
+        some = np.flatnonzero(np.isfinite(guess))
+        certain[some] = _is_least(loop[some], theta[some], guess[some], angle[some])
+        size = np.where(certain, guess, size)
+    rest = np.flatnonzero(~certain)
+    if rest.size:
+        part = loop[rest]
+        curve = _characteristic(part, theta[rest], size[rest])
+        depth[rest], angle[rest] = _search(part, curve, size[rest], thorough=True)
+    found = known & np.isfinite(depth)
     value, angle, right, left = _polish(
         loop, size, np.where(found, depth, 1.0), np.where(found, angle, 1.0)
     )
@@ -266,13 +371,8 @@ def _find_limits(
     )
 
 
-def _approach(
-    loop: Loop, response: ToolResponse, near: tuple[Array, Array]
-) -> tuple[Array, Array]:
-    """Return the limit (p,), m, next to one of the guesses, and its angle; infinite if none is.
-
-    No multiplier is outside the circle at four depths up to it, and some is beyond it.
-    """
+def _settle(loop: Loop, near: tuple[Array, Array]) -> tuple[Array, Array]:
+    """Return the least crossing (p,), m, next to the guesses, and its angle; infinite if none is."""
     pairs = np.arange(len(loop.delay))
     depth = np.full((len(pairs), near[0].shape[1]), np.inf)
     angle = np.ones(depth.shape)
@@ -290,34 +390,25 @@ def _approach(
         settled &= known & (value.real > 0.0) & (np.abs(value) < np.inf)
         depth[settled, k] = 1.0 / value.real[settled]
     best = depth.argmin(axis=1)
-    least = depth[pairs, best]
-    there = angle[pairs, best]
-    some = np.flatnonzero(np.isfinite(least))
-    if not some.size:
-        return least, there
-    part = loop[some]
-    scale = least[some]
-    beside = (there[some, None] + _BESIDE).clip(0.0, np.pi)
-    theta = np.concatenate([_angles(part, response[some]), beside], axis=1)
-    theta = np.sort(theta, axis=1)
-    polynomial = _characteristic(part, theta, scale)
-    ones = np.ones(len(some))
-    theta, polynomial = _refine(part, theta, polynomial, ones, scale)
-    around = np.broadcast_to([*_BELOW, _ABOVE], (len(some), len(_BELOW) + 1))
-    count = _count_unstable(_determinants(polynomial, around))
-    certain = (count[:, :-1] == 0).all(axis=1) & (count[:, -1] > 0)
-    least[some[~certain]] = np.inf
-    return least, there
+    return depth[pairs, best], angle[pairs, best]
 
 
-def _search_depth(
-    loop: Loop, response: ToolResponse, scale: Array
-) -> tuple[Array, Array, Array]:
-    """Return the least unstable depth (p,) over a size, its angle (p,), and the size (p,), m."""
-    known = np.isfinite(scale)
-    size = np.where(known, scale, 1.0)
-    depth, angle = _search(loop, _angles(loop, response), size)
-    return np.where(known, depth, np.inf), angle, size
+def _is_least(loop: Loop, theta: Array, depth: Array, angle: Array) -> Flags:
+    """Return whether crossings (p,), m, at their angles are limits.
+
+    No multiplier is outside the circle below, and some is beyond.
+    """
+    if not len(depth):
+        return np.zeros(0, dtype=bool)
+    beside = (angle[:, None] + _BESIDE).clip(0.0, np.pi)
+    theta = np.sort(np.concatenate([theta, beside], axis=1), axis=1)
+    curve = _characteristic(loop, theta, depth)
+    curve = curve.refine(loop, np.ones(len(depth)), depth, _LOWER_LAST)
+    below = np.geomspace(np.minimum(curve.stable, _ALMOST), _ALMOST, _BELOW, axis=1)
+    above = np.full((len(below), 1), _ABOVE)
+    count = _count_unstable(curve.at(np.concatenate([below, above], axis=1)))
+    certain: Flags = (count[:, :-1] == 0).all(axis=1) & (count[:, -1] > 0)
+    return certain
 
 
 # --- the matrix -----------------------------------------------------------------
@@ -497,54 +588,39 @@ def _angles(loop: Loop, response: ToolResponse) -> Array:
     return np.sort(np.concatenate([spread, sharp], axis=1), axis=1)
 
 
-def _search(loop: Loop, theta: Array, scale: Array) -> tuple[Array, Array]:
-    """Return the least unstable depth (p,) over the scale, infinite if none, and its angle (p,)."""
-    polynomial = _characteristic(loop, theta, scale)
-    whole = np.geomspace(_LOW, _HIGH, _TRIALS)
-    trials = np.broadcast_to(whole, (len(theta), _TRIALS))
-    depth, angle = _bracket(polynomial, theta, trials)
-    active = np.arange(len(theta))
-    for _ in range(_ROUNDS):
+def _search(
+    loop: Loop, curve: Curve, scale: Array, *, thorough: bool
+) -> tuple[Array, Array]:
+    """Return the least unstable depth (p,) over the scale, infinite if none, and its angle (p,).
+
+    A thorough search looks once more for islands of instability below that depth.
+    """
+    depth, angle = _bracket(curve)
+    active = np.arange(len(depth))
+    for left in reversed(range(_ROUNDS)):
         before = depth[active]
         at = np.where(np.isfinite(before), before, _HIGH)
-        some = loop[active]
-        theta, polynomial = _refine(some, theta, polynomial, at, scale[active])
+        curve = curve.refine(loop[active], at, scale[active])
         # islands of instability below may have been passed over, and that found be none
-        after, angle[active] = _bracket(polynomial, theta, at[:, None] * _AGAIN)
+        after, angle[active] = _bracket(curve)
         depth[active] = after
         with np.errstate(invalid="ignore"):
             same = (after == before) | (np.abs(after - before) <= _SAME * before)
+        same |= left == 0
+        if thorough and same.any():
+            some = active[same]
+            at = np.where(np.isfinite(depth[some]), depth[some], _HIGH)
+            fine = curve[same].refine(loop[some], at, scale[some], _LOWER_LAST)
+            depth[some], angle[some] = _bracket(fine, _TRIALS_LAST)
         if same.all():
             break
         active = active[~same]
-        theta = theta[~same]
-        polynomial = polynomial[:, ~same]
+        curve = curve[~same]
     return depth, angle
 
 
-def _refine(
-    loop: Loop, theta: Array, polynomial: Complex, depth: Array, scale: Array
-) -> tuple[Array, Complex]:
-    """Return more angles (p, t) and coefficients: where the phase turns fast at depths (p,)."""
-    lower = depth[:, None] * _LOWER  # where islands of instability may lie
-    turns = np.abs(_turns(_determinants(polynomial, lower))).max(axis=1)
-    steep = np.argsort(-turns, axis=1)[:, :_STEEP]
-    low = np.take_along_axis(theta, steep, axis=1)
-    high = np.take_along_axis(theta, steep + 1, axis=1)
-    share = np.linspace(0.0, 1.0, _PARTS + 1)[1:-1]
-    more = low[..., None] + (high - low)[..., None] * share
-    more = more.reshape(len(theta), -1)
-    both = np.concatenate([theta, more], axis=1)
-    order = np.argsort(both, axis=1, kind="stable")
-    finer = np.concatenate([polynomial, _characteristic(loop, more, scale)], axis=2)
-    return (
-        np.take_along_axis(both, order, axis=1),
-        np.take_along_axis(finer, order[None], axis=2),
-    )
-
-
-def _characteristic(loop: Loop, theta: Array, scale: Array) -> Complex:
-    """Return the coefficients (k, p, t) of det(1 - b Λ) in powers of b / scale.
+def _characteristic(loop: Loop, theta: Array, scale: Array) -> Curve:
+    """Return det(1 - b Λ) at angles (p, t), in powers of b over a scale (p,), m.
 
     On few points from the traces of powers (Newton's identities), which is far faster than
     eigenvalues, and exact enough as only depths up to the first unstable one are asked for.
@@ -554,7 +630,8 @@ def _characteristic(loop: Loop, theta: Array, scale: Array) -> Complex:
     if size > _FEW:
         values: Complex = np.linalg.eigvals(matrix).astype(complex)
         order = np.argsort(-np.abs(values), axis=-1)[..., :_FEW]
-        return _expand(np.take_along_axis(values, order, axis=-1))
+        values = np.take_along_axis(values, order, axis=-1)
+        return Curve(theta, _expand(values), np.abs(values[..., 0]))
     powers = [matrix]
     while 2 * len(powers) < size:
         powers.append(powers[-1] @ matrix)
@@ -571,7 +648,9 @@ def _characteristic(loop: Loop, theta: Array, scale: Array) -> Complex:
         for j in range(1, k):
             out[k] -= out[k - j] * traces[j - 1]
         out[k] /= k
-    return out
+    # no eigenvalue exceeds the k-th root of the norm of the k-th power
+    norm = np.linalg.norm(powers[-1], axis=(-2, -1))
+    return Curve(theta, out, norm ** (1.0 / len(powers)))
 
 
 def _expand(values: Complex) -> Complex:
@@ -580,18 +659,6 @@ def _expand(values: Complex) -> Complex:
     out[0] = 1.0
     for k in range(values.shape[-1]):
         out[1 : k + 2] -= values[..., k] * out[: k + 1]
-    return out
-
-
-def _determinants(polynomial: Complex, depth: Array) -> Complex:
-    """Return det(1 - b Λ) (p, k, t) at depths (p, k), by Horner's rule."""
-    at = depth[..., None]
-    out = np.broadcast_to(
-        polynomial[-1][:, None], (*depth.shape, polynomial.shape[-1])
-    ).copy()
-    for coefficient in polynomial[-2::-1]:
-        out *= at
-        out += coefficient[:, None]
     return out
 
 
@@ -622,32 +689,35 @@ def _count_unstable(determinants: Complex) -> Indices:
     return -(2 * count + (real[..., -1] < 0.0))
 
 
-def _bracket(polynomial: Complex, theta: Array, trials: Array) -> tuple[Array, Array]:
+def _bracket(curve: Curve, steps: Array = _TRIALS) -> tuple[Array, Array]:
     """Return the least unstable depth (p,), infinite if none, and the angle of its multiplier.
 
-    ``trials`` (p, k): depths at which multipliers are counted first, ascending.
+    ``steps`` (k,): depths that are tried at a time, over the last that is stable.
     """
-    pairs = np.arange(len(theta))
-    unstable = _count_unstable(_determinants(polynomial, trials)) > 0
-    first = unstable.argmax(axis=1)
-    found = unstable.any(axis=1)
-    high = trials[pairs, first]
-    low = np.where(first > 0, trials[pairs, first - 1], 0.0)
+    pairs = np.arange(len(curve.theta))
+    low = curve.stable
+    high = np.full(len(pairs), np.inf)
+    rest = pairs[low < _HIGH]
+    while rest.size:
+        trials = low[rest, None] * steps
+        unstable = _count_unstable(curve[rest].at(trials)) > 0
+        count = unstable.argmax(axis=1)  # of stable ones
+        found = unstable.any(axis=1)
+        high[rest[found]] = trials[found, count[found]]
+        count = np.where(found, count, len(steps))
+        low[rest] = np.where(
+            count > 0, trials[np.arange(len(rest)), count - 1], low[rest]
+        )
+        rest = rest[~found & (low[rest] < _HIGH)]
+    found = np.isfinite(high)
+    high = np.where(found, high, low * steps[0])
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        determinants = _determinants(polynomial, middle[:, None])
-        bad = _count_unstable(determinants)[:, 0] > 0
+        bad = _count_unstable(curve.at(middle[:, None]))[:, 0] > 0
         high = np.where(bad, middle, high)
         low = np.where(bad, low, middle)
-    # between both depths the phase jumps where the multiplier crosses the circle
-    ends = _determinants(polynomial, np.stack([low, high], axis=1))
-    jump = np.abs(np.diff(_turns(ends), axis=1))[:, 0].argmax(axis=1)
-    before = ends[pairs, 1, jump]
-    step = before - ends[pairs, 1, jump + 1]
-    share = (before * step.conj()).real / np.maximum(np.abs(step) ** 2, 1e-300)
-    start = theta[pairs, jump]
-    angle = start + share.clip(0.0, 1.0) * (theta[pairs, jump + 1] - start)
-    return np.where(found, 0.5 * (low + high), np.inf), angle
+    depth, angle = curve.find_crossing(low, high)
+    return np.where(found, depth, np.inf), angle
 
 
 def _polish(

@@ -205,11 +205,15 @@ def stiffness_map(
     InputError
         The ranges are not two coordinates of the tool, or no pose is reachable.
     """
-    found = map_stiffness(mechanism, ranges, points, at=at)
+    stiffness = map_stiffness(mechanism, ranges, points, at=at)
     with scratch_folder() as folder:
         target = folder / "map.png"
         maps.draw_map(
-            found, maps.stiffness_panels(found), {}, maps.stiffness_title(found), target
+            stiffness,
+            maps.stiffness_panels(stiffness),
+            {},
+            maps.stiffness_title(stiffness),
+            target,
         )
         return Picture(target.read_bytes())
 
@@ -238,32 +242,37 @@ def view(
     if isinstance(shown, Mechanism):
         poses: Any = robot.poses if robot and robot.poses else {"home": shown.tool.home}
         names = list(poses)
-        found = configure(shown, list(poses.values())).require_valid()
+        configurations = configure(shown, list(poses.values())).require_valid()
     else:
-        found = getattr(shown, "configurations", shown)
-        if not isinstance(found, Configurations):
+        configurations = getattr(shown, "configurations", shown)
+        if not isinstance(configurations, Configurations):
             expected = (
                 "expected a mechanism, as `assemble` makes it, or what was found of one"
             )
             raise InputError(f"view: {expected}, got {type(shown).__name__}")
-        names = _names(found)
-    mechanism = found.mechanism
+        names = _names(configurations)
+    mechanism = configurations.mechanism
     choice = "mode" if isinstance(shown, Modes) else "load"
     cases = (
         mode_cases(shown)
         if isinstance(shown, Modes)
-        else unit_wrenches(mechanism, found)
+        else unit_wrenches(mechanism, configurations)
     )
     with scratch_folder() as folder:
         draw("robot", folder, pictures=[], geometry=GEOMETRY, **scene(robot, mechanism))
         caption = f"Components coloured by their {ENERGY}."
-        turned = Draft(folder).turn_robot(found, names, cases, caption, choice=choice)
+        turned = Draft(folder).turn_robot(
+            configurations, names, cases, caption, choice=choice
+        )
     template = page.templates().get_template("inline.html")
     return View(template.render(view=turned, title="The robot").lstrip())
 
 
-def _names(found: Configurations) -> list[str]:
-    return [name_pose(pose, found.mechanism.tool.pose) for pose in found.poses]
+def _names(configurations: Configurations) -> list[str]:
+    return [
+        name_pose(pose, configurations.mechanism.tool.pose)
+        for pose in configurations.poses
+    ]
 
 
 def _part(shown: Part) -> None:
@@ -273,9 +282,11 @@ def _part(shown: Part) -> None:
         ("faces", str(len(shown.faces))),
         ("clamped", _numbers(shown.clamped)),
     ]
-    for each in shown.loaded:
-        place = f"reference point ({point(each.reference_point)}) mm"
-        rows.append((f"loaded: {each.name}", f"{_numbers(each.faces)}; {place}"))
+    for interface in shown.loaded:
+        place = f"reference point ({point(interface.reference_point)}) mm"
+        rows.append(
+            (f"loaded: {interface.name}", f"{_numbers(interface.faces)}; {place}")
+        )
     rows += [
         ("volume", f"{1e6 * properties.volume:.5g} cm³"),
         ("mass", f"{properties.mass:.5g} kg"),
@@ -332,7 +343,7 @@ def _configurations(shown: Configurations) -> None:
 
 
 def _stiffness(shown: Stiffness) -> None:
-    names = [each.name for each in dataclasses.fields(shown)]
+    names = [field.name for field in dataclasses.fields(shown)]
     first = dataclasses.replace(
         shown, **{name: getattr(shown, name)[:MOST] for name in names}
     )
@@ -372,8 +383,8 @@ def _diagnosis(shown: Diagnosis) -> list[Figure]:
 def _fields(shown: Any) -> None:
     """Show every field of a small dataclass, SI."""
     rows = [
-        (each.name, _text(getattr(shown, each.name)))
-        for each in dataclasses.fields(shown)
+        (field.name, _text(getattr(shown, field.name)))
+        for field in dataclasses.fields(shown)
     ]
     title = " ".join(
         [type(shown).__name__, *([shown.name] if hasattr(shown, "name") else [])]
@@ -387,7 +398,7 @@ def _text(value: Any) -> str:
             return f"({vector(value, 6)})"
         return f"{' × '.join(map(str, value.shape))} numbers"
     if dataclasses.is_dataclass(value):
-        names = [each.name for each in dataclasses.fields(value)]
+        names = [field.name for field in dataclasses.fields(value)]
         return ", ".join(f"{name} {_text(getattr(value, name))}" for name in names)
     if isinstance(value, tuple):
         return ", ".join(map(str, value))

@@ -121,15 +121,15 @@ def compare_interfaces(robot: RobotFile, part: str, shop: Workshop) -> Compariso
     """
     apart = getattr(robot.parts.get(part), "pads", None) == "apart"
     base = _with(robot, part, {"pads": "together"}) if apart else robot
-    own = order_part(base, part, label=OWN)
-    orders, names, left_out = _orders(base, part, own)
-    wanted = {Choice(", ".join(names) or OWN, OWN): own, **orders}
-    found: list[PartResult] = []
+    base_order = order_part(base, part, label=OWN)
+    orders, names, left_out = _orders(base, part, base_order)
+    wanted = {Choice(", ".join(names) or OWN, OWN): base_order, **orders}
+    results: list[PartResult] = []
     for start in range(0, len(wanted), AT_ONCE):
-        found += solve_parts(
+        results += solve_parts(
             list(wanted.values())[start : start + AT_ONCE], shop, whole=False
         )
-    tested = dict(zip(wanted, found, strict=True))
+    tested = dict(zip(wanted, results, strict=True))
     remarks = [APART, *left_out] if apart else left_out
     return _compare_choices(robot.name, part, tested, remarks)
 
@@ -204,14 +204,16 @@ def _format_value(key: str, value: Any) -> str:
 
 
 def _orders(
-    robot: RobotFile, part: str, own: PartOrder
+    robot: RobotFile, part: str, base_order: PartOrder
 ) -> tuple[dict[Choice, PartOrder], list[str], list[str]]:
     """Return orders that differ from the file's, names of choices equal to it, and omissions."""
     orders: dict[Choice, PartOrder] = {}
     same: list[str] = []
     known = choices(robot, part)
     names = {choice.name for choice in known}
-    unknown = {n: why for n, why in UNKNOWN.items() if own.step and n not in names}
+    unknown = {
+        n: why for n, why in UNKNOWN.items() if base_order.step and n not in names
+    }
     left_out = [f"{name}: left out, since {why}" for name, why in unknown.items()]
     for choice in known:
         try:
@@ -221,7 +223,7 @@ def _orders(
         except InputError as error:
             left_out.append(f"{choice.name}: left out; {error}")
             continue
-        if order == own:
+        if order == base_order:
             same.append(choice.name)
         else:
             orders[choice] = order
@@ -229,14 +231,14 @@ def _orders(
 
 
 def _compare_choices(
-    robot: str, part: str, found: Mapping[Choice, PartResult], left_out: Sequence[str]
+    robot: str, part: str, results: Mapping[Choice, PartResult], left_out: Sequence[str]
 ) -> Comparison:
-    points = next(iter(found.values())).experiment.reference_points
+    points = next(iter(results.values())).experiment.reference_points
     tested: list[Tested] = []
     for (
         choice,
         result,
-    ) in found.items():  # at the same reference points, since pads protrude
+    ) in results.items():  # at the same reference points, since pads protrude
         carry = np.asarray(
             block_diag(*shift(points - result.experiment.reference_points))
         )
@@ -244,26 +246,28 @@ def _compare_choices(
         tested.append(
             Tested(choice, result, carry @ result.compliance @ carry.T, error)
         )
-    own, *others = tested
-    scale = np.sqrt(np.diag(own.compliance))
-    notable = np.abs(own.compliance) > SIGNIFICANT * np.outer(scale, scale)
+    base_result, *others = tested
+    scale = np.sqrt(np.diag(base_result.compliance))
+    notable = np.abs(base_result.compliance) > SIGNIFICANT * np.outer(scale, scale)
     shown = np.argwhere(
         np.triu(notable) if len(points) == 1 else np.diag(np.diag(notable))
     )
-    entries = [_entry(own, others, i, j) for i, j in shown.tolist()]
-    return Comparison(robot, part, own, tuple(others), tuple(entries), tuple(left_out))
+    entries = [_entry(base_result, others, i, j) for i, j in shown.tolist()]
+    return Comparison(
+        robot, part, base_result, tuple(others), tuple(entries), tuple(left_out)
+    )
 
 
-def _entry(own: Tested, others: Sequence[Tested], i: int, j: int) -> Entry:
+def _entry(base_result: Tested, others: Sequence[Tested], i: int, j: int) -> Entry:
     """Return an entry; bounds of its changes add both errors in the worst case."""
-    value = float(own.compliance[i, j])
-    error = float(own.error[i, j])
+    value = float(base_result.compliance[i, j])
+    error = float(base_result.error[i, j])
     ratios = np.array([t.compliance[i, j] for t in others]) / value
     bounds = np.array([t.error[i, j] for t in others])
     bars = (bounds + np.abs(ratios) * error) / abs(value)
     name, unit = entry_name(i % 6, j % 6)
-    if len(own.compliance) > 6:
-        name = f"{own.result.experiment.interfaces[i // 6 + 1]} {name}"
+    if len(base_result.compliance) > 6:
+        name = f"{base_result.result.experiment.interfaces[i // 6 + 1]} {name}"
     changes = tuple((ratios - 1).tolist())
     return Entry(name, unit, value, error, changes, tuple(bars.tolist()), (i, j))
 

@@ -189,7 +189,7 @@ def _load(
 
 def show_interfaces(compared: Comparison) -> None:
     """Show how each choice of interface changes each entry, and describe the choices."""
-    own = compared.own.choice
+    base_choice = compared.own.choice
     names = ((tested.choice.name,) for tested in compared.others)
     groups = [("entry", "unit"), ("value", "± 95 %"), *names]
     rows = []
@@ -199,7 +199,7 @@ def show_interfaces(compared: Comparison) -> None:
         rows.append(
             (e.name, e.unit, f"{e.own:.6g}", relative(e.error, e.own), *changes)
         )
-    title = f"Compliance of the {compared.part} ({own.name}), and its change with other interfaces"
+    title = f"Compliance of the {compared.part} ({base_choice.name}), and its change with other interfaces"
     show_table(title, groups, rows)
     for tested in compared.others:
         choice = tested.choice

@@ -177,35 +177,35 @@ def predict(
     forces = np.empty((n, len(drives)))
     shares: dict[str, Array] = {}
     start = 0
-    for found in known or configure_path(job, assembled, path):
-        some = slice(start, start + len(found))
-        start += len(found)
-        state = respond_under(job, assembled, found, course.wrench[some])
+    for configurations in known or configure_path(job, assembled, path):
+        rows = slice(start, start + len(configurations))
+        start += len(configurations)
+        state = respond_under(job, assembled, configurations, course.wrench[rows])
         twist = state.twist[..., 0]
-        error[some] = tool_error(course.tool[some], found.tool, twist)
-        commanded[some] = found.tool
-        bars = deflection_bars(assembled, found, twist)
-        bound[some] = np.linalg.norm(
-            np.broadcast_to(bars, (len(found), 6))[:, :3], axis=1
+        error[rows] = tool_error(course.tool[rows], configurations.tool, twist)
+        commanded[rows] = configurations.tool
+        bars = deflection_bars(assembled, configurations, twist)
+        bound[rows] = np.linalg.norm(
+            np.broadcast_to(bars, (len(configurations), 6))[:, :3], axis=1
         )
         for k, joint in enumerate(drives):
             wrench = state.elements[joint.name].wrench
-            forces[some, k] = wrench[:, joint.type.driven, 0]
+            forces[rows, k] = wrench[:, joint.type.driven, 0]
         energies = {name: each[:, 0] for name, each in state.energies.items()}
         total = np.maximum(sum(energies.values(), np.zeros(1)), 1e-300)
         for name, each in energies.items():
             if name not in shares:
                 shares[name] = np.zeros(n, dtype=np.float32)
-            shares[name][some] = each / total
+            shares[name][rows] = each / total
         if progress is not None:
             progress("path", start / n)
     stations = pick_evenly(n, _STATIONS)
     first = np.full(len(stations), np.nan)
     with suppress(InputError):  # without masses
-        found = next(
+        configurations = next(
             configure_path(job, assembled, path.command(path.values[stations]))
         )
-        first = frequencies(mechanism, found, 1)[:, 0]
+        first = frequencies(mechanism, configurations, 1)[:, 0]
     return Along(
         job=job,
         length=course.length,
@@ -232,9 +232,11 @@ def respond_at_worst(
 ) -> tuple[Configurations, Response]:
     """Return configuration and response to process, weight and payload at the greatest error."""
     pose = [COORDINATES.index(name) for name in state.job.robot.tool.pose]
-    found = configure(assembled.mechanism, state.commanded[state.worst, pose][None])
-    return found, respond_under(
-        state.job, assembled, found, state.wrench[[state.worst]]
+    configurations = configure(
+        assembled.mechanism, state.commanded[state.worst, pose][None]
+    )
+    return configurations, respond_under(
+        state.job, assembled, configurations, state.wrench[[state.worst]]
     )
 
 
@@ -282,13 +284,13 @@ def compensate(
         ]
         drives = np.empty((len(wanted), len(before.drives)))
         for start in range(0, len(wanted), BLOCK):
-            some = slice(start, start + BLOCK)
-            found = configure(assembled.mechanism, wanted[some])
+            rows = slice(start, start + BLOCK)
+            configurations = configure(assembled.mechanism, wanted[rows])
             refused |= {
-                start + int(k): found.reason(int(k))
-                for k in np.flatnonzero(~found.valid)
+                start + int(k): configurations.reason(int(k))
+                for k in np.flatnonzero(~configurations.valid)
             }
-            drives[some] = found.drives
+            drives[rows] = configurations.drives
         commands = wanted
         if before.path.by_joints:
             order = [

@@ -48,13 +48,13 @@ def path(name: Path, *, undo: bool, robot: str | None, output: Output) -> None:
     """
     job = load_job(name, robot)
     manifest = manifest_of(job.robot, job.file)
-    made = assemble(job.robot, job.section.components, output)
+    assembled = assemble(job.robot, job.section.components, output)
     with progress(quiet=output.quiet) as open_line:
         report = open_line("path")
-        state = along(job, made, report)
-        after = compensate(made, state, report) if undo else None
-    worst, response = respond_at_worst(state, made)
-    stresses = find_stresses(state, made, response)
+        state = along(job, assembled, report)
+        after = compensate(assembled, state, report) if undo else None
+    worst, response = respond_at_worst(state, assembled)
+    stresses = find_stresses(state, assembled, response)
     cases = read_cases(response, {"the loads there": state.wrench[state.worst]})
 
     def fill(folder: Path) -> None:
@@ -63,14 +63,14 @@ def path(name: Path, *, undo: bool, robot: str | None, output: Output) -> None:
             suffix = job.path_file.suffix if after.path.program else ".csv"
             after.path.write(folder / f"compensated{suffix}")
         paths.draw_path(state, after, folder)
-        draw_deflection(made, ["greatest error"], worst, cases, folder)
+        draw_deflection(assembled, ["greatest error"], worst, cases, folder)
         paths.write_stress(stresses, folder)
 
-    found = state, after, stresses
+    results = state, after, stresses
     emit(
         output,
-        partial(paths.path_json, *found),
-        partial(paths.show_path, *found),
+        partial(paths.path_json, *results),
+        partial(paths.show_path, *results),
         manifest=manifest,
         fill=fill,
         page=lambda report: paths.write_path_page(report, state, after, worst, cases),

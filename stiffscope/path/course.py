@@ -146,7 +146,7 @@ def tool_error(target: Array, commanded: Array, twist: Array) -> Array:
 
 
 def respond_under(
-    job: Job, assembled: Assembled, found: Configurations, wrench: Array
+    job: Job, assembled: Assembled, configurations: Configurations, wrench: Array
 ) -> Response:
     """Return the response at n configurations to weight, payload and process wrenches (n, 6)."""
     payload = job.section.payload
@@ -161,7 +161,12 @@ def respond_under(
         loads = (Load(tool.body, np.concatenate([weight, np.zeros(3)]), at),)
     gravity = float(job.section.gravity != "none")
     return respond(
-        mechanism, found, wrench[:, :, None], loads=loads, gravity=gravity, misfit=1.0
+        mechanism,
+        configurations,
+        wrench[:, :, None],
+        loads=loads,
+        gravity=gravity,
+        misfit=1.0,
     )
 
 
@@ -185,14 +190,14 @@ def configure_path(
             "others",
         )
         values = values[:, [names.index(name) for name in known]]
-    for found in configure_chunks(mechanism, values, BLOCK, given):
-        if not found.valid.all():
-            k = int(np.argmin(found.valid))
+    for configurations in configure_chunks(mechanism, values, BLOCK, given):
+        if not configurations.valid.all():
+            k = int(np.argmin(configurations.valid))
             raise InputError(
-                f"{job.path_file.name}:{path.lines[start + k]}: {found.refusal(k)}"
+                f"{job.path_file.name}:{path.lines[start + k]}: {configurations.refusal(k)}"
             )
-        start += len(found)
-        yield found
+        start += len(configurations)
+        yield configurations
 
 
 def find_axes(job: Job, tool: Array) -> Axes:
@@ -288,8 +293,8 @@ def process_wrench(
         feeds = _feeds(job, cut.feed, length)[acting]
         cutting = cut.forces(float(np.mean(feeds)))
         values, which = np.unique(feeds, return_inverse=True)
-        found = [cut.forces(float(feed)) for feed in values]
-        parts = np.array([(f.feed, f.across, f.axial, f.torque) for f in found])[which]
+        forces = [cut.forces(float(feed)) for feed in values]
+        parts = np.array([(f.feed, f.across, f.axial, f.torque) for f in forces])[which]
         feed, across, axial, torque = parts.T[..., None]
         out[acting, :3] += feed * along_ + across * normal + axial * spindle
         out[acting, 3:] += torque * spindle

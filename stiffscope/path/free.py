@@ -73,19 +73,22 @@ class _Problem:
     motions: tuple[Motion, ...]
     configure: Callable[[Array], Configurations]
 
-    def place(self, values: Array, some: Indices) -> Course:
+    def place(self, values: Array, stations: Indices) -> Course:
         """Return the course at some points (m,) for values (m, c)."""
-        tool = self.course.tool[some]
+        tool = self.course.tool[stations]
         at = self.course.axes
-        turned = np.broadcast_to(np.eye(3), (len(some), 3, 3))
+        turned = np.broadcast_to(np.eye(3), (len(stations), 3, 3))
         for motion, value in zip(self.motions, values.T, strict=True):
             tool, more = motion.place(tool, value)
             turned = more @ turned
-        wrench = self.course.wrench[some].reshape(-1, 2, 3)
+        wrench = self.course.wrench[stations].reshape(-1, 2, 3)
         both = np.einsum("nij,nkj->nki", turned, wrench).reshape(-1, 6)
         directions = (at.along, at.normal, at.binormal, at.spindle)
         axes = Axes(
-            *(np.einsum("nij,nj->ni", turned, each[some]) for each in directions)
+            *(
+                np.einsum("nij,nj->ni", turned, direction[stations])
+                for direction in directions
+            )
         )
         return replace(self.course, tool=tool, axes=axes, wrench=both)
 
@@ -99,26 +102,30 @@ class _Problem:
         require(not missing, f"{self.job.file.name}: free", what)
         return course.tool[:, pose]
 
-    def evaluate(self, values: Array, some: Indices) -> tuple[Array, Array]:
+    def evaluate(self, values: Array, stations: Indices) -> tuple[Array, Array]:
         """Return the signed objective error (m,), infinite if unreachable, and drives (m, d)."""
-        error = np.full(len(some), np.inf)
-        drives = np.full((len(some), len(self.assembled.mechanism.drives)), np.nan)
-        for start in range(0, len(some), _BLOCK):
+        error = np.full(len(stations), np.inf)
+        drives = np.full((len(stations), len(self.assembled.mechanism.drives)), np.nan)
+        for start in range(0, len(stations), _BLOCK):
             block = slice(start, start + _BLOCK)
-            course = self.place(values[block], some[block])
-            found = self.configure(self.commands(course))
-            good = np.flatnonzero(found.valid)
+            course = self.place(values[block], stations[block])
+            configurations = self.configure(self.commands(course))
+            good = np.flatnonzero(configurations.valid)
             if not good.size:
                 continue
-            found = found[good]
-            state = respond_under(self.job, self.assembled, found, course.wrench[good])
-            off = tool_error(course.tool[good], found.tool, state.twist[..., 0])[:, :3]
+            configurations = configurations[good]
+            state = respond_under(
+                self.job, self.assembled, configurations, course.wrench[good]
+            )
+            off = tool_error(
+                course.tool[good], configurations.tool, state.twist[..., 0]
+            )[:, :3]
             least = self.job.section.free.least  # type: ignore[union-attr]
             error[start + good] = np.linalg.norm(off, axis=1)
             if least != "size":
                 axes = getattr(course.axes, least)[good]
                 error[start + good] = np.einsum("ni,ni->n", off, axes)
-            drives[start + good] = found.drives
+            drives[start + good] = configurations.drives
         return error, drives
 
 
@@ -288,10 +295,10 @@ def _follow_valley(
     which[-1] = int(np.argmin(total))
     for i in range(m - 1, 0, -1):
         which[i - 1] = origin[i, which[i]]
-    found = grid[which]
+    levels = grid[which]
     for _ in range(_SMOOTHINGS):  # smooth the grid steps before the descent
-        found[1:-1] = 0.25 * (found[:-2] + 2.0 * found[1:-1] + found[2:])
-    return found
+        levels[1:-1] = 0.25 * (levels[:-2] + 2.0 * levels[1:-1] + levels[2:])
+    return levels
 
 
 def _settle(
@@ -376,7 +383,7 @@ def _descend(
         for _ in range(5):
             tried = values.copy()
             tried[:, k] = np.clip(values[:, k] + change, *motion.ends)
-            new, found = cost(tried)
+            new, improved = cost(tried)
             if new < now:
                 break
             change *= 0.3
@@ -385,7 +392,7 @@ def _descend(
         gain = now - new
         values = tried
         now = new
-        error = found
+        error = improved
         if gain < 1e-6 * now:
             break
     return values

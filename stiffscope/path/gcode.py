@@ -194,8 +194,8 @@ def _set_mode(state: _State, letter: str, code: float, here: str) -> None:
     where = f"{here}: G{code:g}"
     supported = known in _KNOWN and (code == known or code in _POINTS)
     require(supported, where, _SUPPORTED, f"G{code:g}")
-    own = "moves in the program's own axes"
-    require(known not in {28, 30, 53}, where, own, "one in the machine's")
+    machine_axes = "moves in the program's own axes"
+    require(known not in {28, 30, 53}, where, machine_axes, "one in the machine's")
     if known in _MOVES:
         state.move = known
     elif known in _PLANES:

@@ -93,8 +93,10 @@ class _Cut(Section):
                 f"{self.mc:g}",
             )
             return self.kc1, self.mc
-        own = "kc1" if self.kc1 else "mc" if self.mc else "neither"
-        material = require_given(self.material, "", "a material, or kc1 and mc", own)
+        given_keys = "kc1" if self.kc1 else "mc" if self.mc else "neither"
+        material = require_given(
+            self.material, "", "a material, or kc1 and mc", given_keys
+        )
         return cutting_materials()[material]
 
 
@@ -173,10 +175,10 @@ class TurningSection(_EdgeCut):
             "cut.depth",
             "at most half the diameter",
         )
-        own = self.geometry
-        del own["towards"]
+        geometry = self.geometry
+        del geometry["towards"]
         ratio = self.radial_ratio
-        return turn(*self.law(), feed=feed, radial=ratio, side=self.side, **own)
+        return turn(*self.law(), feed=feed, radial=ratio, side=self.side, **geometry)
 
 
 class DrillingSection(_Cut):
@@ -186,8 +188,8 @@ class DrillingSection(_Cut):
 
     def forces(self, feed: float) -> CuttingForces:
         """Return thrust and torque at a feed in m/s."""
-        own = self.model_dump(exclude={"material", "kc1", "mc", "feed"})
-        return drill(*self.law(), feed=feed, **own)
+        geometry = self.model_dump(exclude={"material", "kc1", "mc", "feed"})
+        return drill(*self.law(), feed=feed, **geometry)
 
 
 class ProcessSection(Section):
@@ -300,18 +302,18 @@ class FreeSection(Section):
         """Return the free motions; ``axis``: axis of the tool."""
         rate = np.deg2rad(self.turn) * 1e3
         origin = (0.0, 0.0, 0.0)
-        found = list[Motion]()
+        motions_of = list[Motion]()
         if self.table is not None:
-            found.append(
+            motions_of.append(
                 Motion("table", self.table.axis, self.table.at, self.table.range, rate)
             )
         if self.slide is not None:
-            found.append(
+            motions_of.append(
                 Motion("slide", self.slide.axis, origin, self.slide.range, 1.0)
             )
         if self.spindle is not None:
-            found.append(Motion("spindle", axis, origin, self.spindle, rate))
-        return tuple(found)
+            motions_of.append(Motion("spindle", axis, origin, self.spindle, rate))
+        return tuple(motions_of)
 
 
 class JobSection(Section):
@@ -418,18 +420,18 @@ def load_job(path: str | Path, instead: str | Path | RobotFile | None = None) ->
         file = path.parent / top.path
         with naming_key("path"):
             reading.open_file(file, "a table in CSV or a program in G-code").close()
-        found = read_toolpath(
+        toolpath = read_toolpath(
             file, robot, top.units, step=top.step, at=top.at, axes=_axes(top)
         )
         given = top.model_fields_set & (
-            set() if found.program else {"step", "at", "x", "y"}
+            set() if toolpath.program else {"step", "at", "x", "y"}
         )
         require(
             not given,
             tuple(sorted(given)[:1]),
             f"none beside a table ({file.name}), whose poses are in base axes",
         )
-    return Job(path, file, top, robot, found)
+    return Job(path, file, top, robot, toolpath)
 
 
 def _axes(top: JobSection) -> np.ndarray:

@@ -73,7 +73,7 @@ def path_json(
             "shares": {name: share[k] for name, share in state.shares.items()},
             "drives": dict(zip(state.drives, state.forces[k], strict=True)),
             "stress": [
-                {key: getattr(each, key) for key in _STRESS} for each in stresses
+                {key: getattr(stress, key) for key in _STRESS} for stress in stresses
             ],
         },
         "frequencies": {"s": state.length[state.stations], "first": state.first},
@@ -97,8 +97,8 @@ def path_json(
 
 def _gain(freed: Freed, state: Along) -> dict[str, dict[str, float]]:
     """Return greatest and rms error, m, for the best constant and the chosen free coordinates."""
-    some = state.path.acting
-    errors = ("single", freed.before[some]), ("chosen", freed.error[some])
+    acting = state.path.acting
+    errors = ("single", freed.before[acting]), ("chosen", freed.error[acting])
     return {
         name: {"greatest": float(each.max()), "rms": _rms(each)}
         for name, each in errors
@@ -141,7 +141,7 @@ def show_path(
         facts += [("process", f"{forces}, {cut.power:.4g} W"), ("mean chip", chip)]
     if state.freed is not None:
         gain = _gain(state.freed, state).values()
-        single, chosen = (_two(each["rms"], each["greatest"]) for each in gain)
+        single, chosen = (_two(value["rms"], value["greatest"]) for value in gain)
         facts.append(
             (f"free: {', '.join(state.freed.values)}", f"{chosen}; held still {single}")
         )
@@ -226,17 +226,17 @@ def draw_path(state: Along, after: Compensated | None, folder: Path) -> None:
 
 def write_stress(stresses: Sequence[PartStress], folder: Path) -> None:
     """Write stress.vtu and draw stress.png for the most stressed part at the greatest error."""
-    for each in stresses[:1]:
-        mesh = each.tested.experiment.mesh
+    for curve in stresses[:1]:
+        mesh = curve.tested.experiment.mesh
         field = folder / "stress.vtu"
         write_fields(
-            mesh, field, {"displacement": each.displacement, "von_mises": each.stress}
+            mesh, field, {"displacement": curve.displacement, "von_mises": curve.stress}
         )
-        node = int(np.argmin(np.linalg.norm(mesh.points - each.at, axis=1)))
-        stress = f"{1e-6 * each.von_mises:.3g} MPa"
-        title = f"{each.body} ({each.material}) at the greatest error: {stress}"
+        node = int(np.argmin(np.linalg.norm(mesh.points - curve.at, axis=1)))
+        stress = f"{1e-6 * curve.von_mises:.3g} MPa"
+        title = f"{curve.body} ({curve.material}) at the greatest error: {stress}"
         given = {
-            "experiment": each.tested.folder / EXPERIMENT,
+            "experiment": curve.tested.folder / EXPERIMENT,
             "field": field,
             "node": node,
         }
@@ -248,8 +248,8 @@ def _draw_map(state: Along) -> Figure:
     from matplotlib.ticker import MaxNLocator
     from mpl_toolkits.mplot3d.art3d import Line3DCollection
 
-    some = pick_evenly(len(state.path), _MOST_DRAWN)
-    points = 1e3 * state.tool[some, :3]
+    evenly = pick_evenly(len(state.path), _MOST_DRAWN)
+    points = 1e3 * state.tool[evenly, :3]
     job = state.job
     drawn = new_figure(
         7.5, 5.6, f"{job.robot.name}: error of the tool along {job.path_file.name}"
@@ -257,7 +257,7 @@ def _draw_map(state: Along) -> Figure:
     axes: Any = drawn.add_subplot(projection="3d")
     segments = np.stack([points[:-1], points[1:]], axis=1)
     lines = Line3DCollection(segments, cmap="viridis", linewidths=2.0)
-    lines.set_array(1e3 * state.size[some][1:])
+    lines.set_array(1e3 * state.size[evenly][1:])
     axes.add_collection3d(lines)
     worst = 1e3 * state.tool[state.worst, :3]
     axes.scatter(
@@ -282,16 +282,16 @@ def _draw_map(state: Along) -> Figure:
 
 
 def _draw_error(state: Along, after: Compensated | None) -> Figure:
-    some = pick_evenly(len(state.path), _MOST_DRAWN)
-    length = 1e3 * state.length[some]
+    evenly = pick_evenly(len(state.path), _MOST_DRAWN)
+    length = 1e3 * state.length[evenly]
     count, height = (2, 5.2) if after is None else (3, 6.6)
     drawn = new_figure(
         8.0, height, f"{state.job.robot.name}: error of the tool over length"
     )
     rows = drawn.subplots(count, 1, sharex=True)
-    low, high = (1e3 * (state.size + sign * state.bound)[some] for sign in (-1, 1))
+    low, high = (1e3 * (state.size + sign * state.bound)[evenly] for sign in (-1, 1))
     rows[0].fill_between(length, low, high, color=BEFORE, alpha=0.2, lw=0)
-    rows[0].plot(length, 1e3 * state.size[some], color=BEFORE, lw=1.2)
+    rows[0].plot(length, 1e3 * state.size[evenly], color=BEFORE, lw=1.2)
     rows[0].set_ylabel("size (mm)")
     for name, colour in (
         ("normal", "#3b7dbf"),
@@ -299,12 +299,12 @@ def _draw_error(state: Along, after: Compensated | None) -> Figure:
         ("binormal", "#5b9a68"),
     ):
         rows[1].plot(
-            length, 1e3 * state.parts[name][some], lw=1.2, color=colour, label=name
+            length, 1e3 * state.parts[name][evenly], lw=1.2, color=colour, label=name
         )
     rows[1].set_ylabel("component (mm)")
     rows[1].legend(frameon=False, ncol=3, loc="lower right", bbox_to_anchor=(1.0, 0.97))
     if after is not None:
-        left = np.maximum(after.after.size[some], 1e-15)
+        left = np.maximum(after.after.size[evenly], 1e-15)
         rows[2].semilogy(length, 1e3 * left, color=AFTER, lw=1.2)
         rows[2].set_ylabel("compensated (mm)")
     rows[-1].set_xlabel("length along the path (mm)")
@@ -316,7 +316,7 @@ def _draw_error(state: Along, after: Compensated | None) -> Figure:
 
 def _chart_error(state: Along, after: Compensated | None) -> page.Chart:
     """Return an interactive chart of error over length, before and after compensation."""
-    some = pick_evenly(len(state.path), _MOST_DRAWN)
+    evenly = pick_evenly(len(state.path), _MOST_DRAWN)
     series = []
     drawn = [("as commanded", BEFORE, state)] + (
         [("compensated", AFTER, after.after)] if after else []
@@ -324,14 +324,14 @@ def _chart_error(state: Along, after: Compensated | None) -> page.Chart:
     for name, colour, each in drawn:
         errors = {"size": each.size, **each.parts}
         columns: dict[str, Any] = {
-            "line": np.asarray(state.path.lines)[some].astype(str)
+            "line": np.asarray(state.path.lines)[evenly].astype(str)
         }
-        columns |= {"length, mm": 1e3 * state.length[some]}
+        columns |= {"length, mm": 1e3 * state.length[evenly]}
         columns |= {
-            f"{word}, mm": 1e3 * values[some] for word, values in errors.items()
+            f"{word}, mm": 1e3 * values[evenly] for word, values in errors.items()
         }
         columns |= {
-            f"{axis}, mm": 1e3 * state.tool[some, k] for k, axis in enumerate("xyz")
+            f"{axis}, mm": 1e3 * state.tool[evenly, k] for k, axis in enumerate("xyz")
         }
         series.append(page.Series(name, colour, columns, size=3))
     _, length, *y = series[0].columns
@@ -344,7 +344,7 @@ def write_path_page(
     report: Draft,
     state: Along,
     after: Compensated | None,
-    found: Configurations,
+    configurations: Configurations,
     cases: list[list[Case]],
 ) -> None:
     """Write report.html: the path, error over length, and the robot at the greatest error.
@@ -355,7 +355,7 @@ def write_path_page(
         Output folder with the pictures, and the tables.
     state, after
         The path, and its compensated commands, if any.
-    found, cases
+    configurations, cases
         Configuration at the greatest error, and the loads to show there.
     """
     here = "The robot at the greatest error"
@@ -375,7 +375,7 @@ def write_path_page(
         }
     )
     caption = f"{here}, under all its loads, components coloured by their {ENERGY}."
-    view = report.turn_robot(found, ["greatest error"], cases, caption, still)
+    view = report.turn_robot(configurations, ["greatest error"], cases, caption, still)
     charts = [_chart_error(state, after)]
     sections = [
         page.Section(

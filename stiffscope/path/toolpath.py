@@ -219,18 +219,18 @@ def _read_plain(path: Path, check: Callable[[str, list[str]], None]) -> Table | 
         kinds = csv.ConvertOptions(
             column_types=dict.fromkeys(names, pa.float64()), null_values=[]
         )
-        found = csv.read_csv(path, parse_options=parsing, convert_options=kinds)
+        table = csv.read_csv(path, parse_options=parsing, convert_options=kinds)
     except (pa.ArrowInvalid, OSError, UnicodeDecodeError):
         return None
-    columns = {name: found[name].to_numpy() for name in dict.fromkeys(names)}
-    plain = len(columns) == found.num_columns and all(
+    columns = {name: table[name].to_numpy() for name in dict.fromkeys(names)}
+    plain = len(columns) == table.num_columns and all(
         name == name.strip() for name in names
     )
-    finite = plain and all(np.isfinite(each).all() for each in columns.values())
-    if not finite or not 0 < found.num_rows <= MOST_POINTS:
+    finite = plain and all(np.isfinite(column).all() for column in columns.values())
+    if not finite or not 0 < table.num_rows <= MOST_POINTS:
         return None
     check(path.name, names)
-    return Table(path.name, columns, range(2, found.num_rows + 2))
+    return Table(path.name, columns, range(2, table.num_rows + 2))
 
 
 def _factor(column: str, unit: str | None, robot: RobotFile) -> float:

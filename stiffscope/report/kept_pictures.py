@@ -73,9 +73,9 @@ def write_pictures(orders: Sequence[Order], cache: Cache, manifest: Manifest) ->
         Record of how the results were made.
     """
     with ThreadPoolExecutor(AT_ONCE) as pool:
-        made = [pool.submit(_keep_pictures, order, cache) for order in orders]
+        tasks = [pool.submit(_keep_pictures, order, cache) for order in orders]
         try:
-            for order, each in zip(orders, made, strict=True):
+            for order, each in zip(orders, tasks, strict=True):
                 held, reused, seconds = each.result()
                 if held is not None:
                     for file in kept_files(held):
@@ -110,7 +110,7 @@ def draw_named_poses(assembled: Assembled, folder: Path) -> None:
 
 
 def draw_inspection(
-    found: Inspection,
+    inspection: Inspection,
     folder: Path,
     parts: Mapping[str, Part],
     draw_now: Callable[..., None],
@@ -119,24 +119,26 @@ def draw_inspection(
 
     ``parts``: parts from STEP files, drawn transparent; ``draw_now``: from `open_drawing`.
     """
-    if found.configurations is None:
+    if inspection.configurations is None:
         return
-    reached = np.array([pose.is_reached for pose in found.poses], dtype=bool)
-    poses = {pose.name: pose.tool for pose in found.poses if pose.is_reached}
-    pictures = _picture_poses(found.robot, found.configurations[reached], poses)
+    reached = np.array([pose.is_reached for pose in inspection.poses], dtype=bool)
+    poses = {pose.name: pose.tool for pose in inspection.poses if pose.is_reached}
+    pictures = _picture_poses(
+        inspection.robot, inspection.configurations[reached], poses
+    )
     if pictures:
         pictures = [picture | {"kinds": True} for picture in pictures]
         with optional_pictures():
-            drawn = scene(found.robot, found.mechanism)
-            add_solids(drawn["bodies"], found.robot, parts)
-            drawn["joints"] = mark_doubts(drawn["joints"], found)
+            drawn = scene(inspection.robot, inspection.mechanism)
+            add_solids(drawn["bodies"], inspection.robot, parts)
+            drawn["joints"] = mark_doubts(drawn["joints"], inspection)
             draw_now("robot", folder, pictures=pictures, geometry=GEOMETRY, **drawn)
 
 
 def draw_deflection(
     assembled: Assembled,
     names: Sequence[str],
-    found: Configurations,
+    configurations: Configurations,
     cases: Sequence[Sequence[Case]],
     folder: Path,
 ) -> None:
@@ -146,12 +148,12 @@ def draw_deflection(
     ----------
     assembled, folder
         Robot with its parts' matrices, and folder to write to.
-    names, found, cases
+    names, configurations, cases
         Names (n,) of the poses, configurations there, and wrenches to show, by pose.
     """
     shown = []
     for k, (name, (case,)) in enumerate(zip(names, cases, strict=True)):
-        here = place_robot(found, k)
+        here = place_robot(configurations, k)
         factor = here.exaggeration(case.twists)
         title = f"{assembled.robot.name} at {name} under {case.label}; deformed × {factor:g}"
         bent = {"moves": here.deform(case.twists, factor), "before": here.moves}
@@ -165,7 +167,7 @@ def draw_deflection(
 def plain_robot(robot: RobotFile) -> dict[str, Any]:
     """Return the robot file as plain SI data with copies expanded; it determines the pictures."""
     names = (
-        each.name for each in fields(robot) if each.name not in {"source", "copied"}
+        field.name for field in fields(robot) if field.name not in {"source", "copied"}
     )
     content = {name: getattr(robot, name) for name in names}
     plain = {
@@ -245,12 +247,14 @@ def _draw_poses(assembled: Assembled, folder: Path) -> None:
 
 
 def _picture_poses(
-    robot: RobotFile, found: Configurations, poses: Mapping[str, Sequence[float]]
+    robot: RobotFile,
+    configurations: Configurations,
+    poses: Mapping[str, Sequence[float]],
 ) -> list[dict[str, Any]]:
     """Return pictures of the robot at named poses."""
     pictures = []
     for k, (name, pose) in enumerate(poses.items()):
-        title = f"{robot.name} at {name}: {pose_text(found.mechanism, pose)}"
-        moves = place_robot(found, k).moves
+        title = f"{robot.name} at {name}: {pose_text(configurations.mechanism, pose)}"
+        moves = place_robot(configurations, k).moves
         pictures.append({"file": f"robot_{name}.png", "title": title, "moves": moves})
     return pictures

@@ -100,7 +100,9 @@ def choose_unit(unit: str, values: Any) -> tuple[float, str]:
     """Return factor and name of the most readable unit for values in SI, e.g. m, mm or µm."""
     greatest = np.max(np.abs(values), initial=0.0)
     choices = SHOWN_IN.get(unit, ((1.0, unit),))
-    return next((each for each in choices if greatest >= 2.0 * each[0]), choices[-1])
+    return next(
+        (choice for choice in choices if greatest >= 2.0 * choice[0]), choices[-1]
+    )
 
 
 def base64_of(values: Any, kind: str = "<f4") -> str:

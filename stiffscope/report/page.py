@@ -141,10 +141,10 @@ class Chart:
 
 def _round_column(values: Sequence[Any] | np.ndarray) -> list[Any]:
     """Return a column, thinned if long, with numbers to six digits and None for missing ones."""
-    some = values[:: max(1, -(-len(values) // MOST_POINTS))]
+    thinned = values[:: max(1, -(-len(values) // MOST_POINTS))]
     return [
         v if isinstance(v, str) else float(f"{v:.6g}") if np.isfinite(v) else None
-        for v in some
+        for v in thinned
     ]
 
 
@@ -194,8 +194,8 @@ def _embed(folder: Path, name: str, caption: str, words: str) -> Figure:
     if image.suffix == ".svg":
         content = image.read_bytes()
         kind = "svg+xml"
-        found = re.search(rb'viewBox="0 0 ([\d.]+) ([\d.]+)"', content)
-        points = found.groups() if found else (b"640", b"480")
+        match = re.search(rb'viewBox="0 0 ([\d.]+) ([\d.]+)"', content)
+        points = match.groups() if match else (b"640", b"480")
         wide, high = (round(float(size) * 4 / 3) for size in points)
     else:
         out = io.BytesIO()

@@ -104,23 +104,23 @@ def show_matrices(matrices: Mapping[str, tuple[Any, Any]]) -> None:
     explain_zeros(rows)
 
 
-def show_element(kind: str, found: MachineElement) -> None:
+def show_element(kind: str, element: MachineElement) -> None:
     """Show a machine element's stiffness, rolling element loads, source and limits."""
-    k = np.where(np.abs(found.stiffness) > 0.0, found.stiffness, np.nan)
+    k = np.where(np.abs(element.stiffness) > 0.0, element.stiffness, np.nan)
     rows = [
         (name, *format_cells(row, ".5g")) for name, row in zip(WRENCH, k, strict=True)
     ]
     groups = (("",), TWIST[:3], TWIST[3:])
     show_table(f"Stiffness of the {kind}, x along its axis; SI", groups, rows)
-    if len(found.loads):
-        loads = found.loads
-        angle = np.degrees(found.angles)
+    if len(element.loads):
+        loads = element.loads
+        angle = np.degrees(element.angles)
         carried = f"{len(loads)}, carrying {loads.min():.4g} to {loads.max():.4g} N"
         angles = f"contact angles {angle.min():.4g} to {angle.max():.4g} degrees"
         show_line(f"Rolling elements: {carried}, {angles}")
-    show_line(f"Source: {found.source}")
+    show_line(f"Source: {element.source}")
     for note in (
-        *found.notes,
+        *element.notes,
         "at rest or slow; rings, housing, carriage and rail rigid",
     ):
         show_line(f"Valid: {note}")
@@ -159,10 +159,10 @@ def show_each_interface(result: PartResult) -> None:
     error = tested.full_error
     matrices = {}
     for k, place in enumerate(points):
-        own = slice(6 * k, 6 * k + 6)
+        rows = slice(6 * k, 6 * k + 6)
         where = f"{tested.interfaces[k + 1]}, ({point(place, 5)}) mm"
         title = f"Compliance of the {result.name} at {where}, loaded alone; SI"
-        matrices[title] = compliance[own, own], error[own, own]
+        matrices[title] = compliance[rows, rows], error[rows, rows]
     show_matrices(matrices)
     together = (
         f"All {len(points)} interfaces together: {len(compliance)} x {len(compliance)}"

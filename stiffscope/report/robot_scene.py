@@ -87,15 +87,17 @@ class PlacedRobot:
         )
 
 
-def place_robot(found: Configurations, index: int = 0) -> PlacedRobot:
+def place_robot(configurations: Configurations, index: int = 0) -> PlacedRobot:
     """Return the robot at one of the configurations."""
-    where = place_nodes(found)
+    where = place_nodes(configurations)
     moves = {}
-    for node in (node for body in found.mechanism.bodies for node in body.nodes):
+    for node in (
+        node for body in configurations.mechanism.bodies for node in body.nodes
+    ):
         each = where.rotation[node], where.position[node]
         turn, position = (values[index if len(values) > 1 else 0] for values in each)
         moves[node] = turn, position
-    return PlacedRobot(found.mechanism, moves, found.tool[index, :3])
+    return PlacedRobot(configurations.mechanism, moves, configurations.tool[index, :3])
 
 
 def scene(
@@ -215,12 +217,12 @@ def add_solids(
 
 
 def mark_doubts(
-    joints: Sequence[dict[str, Any]], found: Inspection
+    joints: Sequence[dict[str, Any]], inspection: Inspection
 ) -> list[dict[str, Any]]:
     """Mark doubtful joints of a scene, and add marks for possible further joints."""
-    bodies = {body.name: body.nodes[0] for body in found.mechanism.bodies}
+    bodies = {body.name: body.nodes[0] for body in inspection.mechanism.bodies}
     marked = [dict(joint) for joint in joints]
-    for doubt in found.doubts:
+    for doubt in inspection.doubts:
         here = [
             joint
             for joint in marked

@@ -41,7 +41,7 @@ class Case:
 
 def robot_view(
     geometry: Mapping[str, Any],
-    found: Configurations,
+    configurations: Configurations,
     names: Sequence[str],
     cases: Sequence[Sequence[Case]],
     *,
@@ -54,21 +54,21 @@ def robot_view(
     ----------
     geometry
         Solids from `stiffscope.report.drawing.geometry.pack_solids`.
-    found, names
+    configurations, names
         Configurations at n poses, and the names of the poses.
     cases
         Selectable cases at each pose.
     choice, quantity
         Kind of case ("load", or "mode", which the viewer animates), and the quantity of the shares.
     """
-    mechanism = found.mechanism
+    mechanism = configurations.mechanism
     nodes = [node for body in mechanism.bodies for node in body.nodes]
-    flat = [case for each in cases for case in each]
+    flat = [case for load in cases for case in load]
     elements = sorted({element for case in flat for element in case.shares})
     poses: list[dict[str, Any]] = []
     placed = np.zeros((len(names), len(nodes), 12))
     for k, (name, each) in enumerate(zip(names, cases, strict=True)):
-        here = place_robot(found, k)
+        here = place_robot(configurations, k)
         placed[k] = [np.append(*here.moves[node]) for node in nodes]
         listed = [
             {
@@ -80,7 +80,7 @@ def robot_view(
             }
             for c in each
         ]
-        place = pose_text(mechanism, found.poses[k])
+        place = pose_text(mechanism, configurations.poses[k])
         at = np.round(here.at, 7).tolist()
         poses.append({"name": name, "place": place, "at": at, "cases": listed})
     twists = [[case.twists.get(node, np.zeros(6)) for node in nodes] for case in flat]
@@ -99,36 +99,42 @@ def robot_view(
     }
 
 
-def unit_wrenches(mechanism: Mechanism, found: Configurations) -> list[list[Case]]:
+def unit_wrenches(
+    mechanism: Mechanism, configurations: Configurations
+) -> list[list[Case]]:
     """Return the cases of unit wrenches at M, except those under which the tool moves freely."""
     units: dict[str, np.ndarray] = dict(zip(LOADS, np.eye(6), strict=True))
     try:
-        return wrench_cases(mechanism, found, units)
+        return wrench_cases(mechanism, configurations, units)
     except InputError:
-        cases: list[list[Case]] = [[] for _ in range(len(found))]
+        cases: list[list[Case]] = [[] for _ in range(len(configurations))]
         for k, each in enumerate(cases):
             for label, load in units.items():
                 with contextlib.suppress(InputError):
                     each.extend(
-                        wrench_cases(mechanism, found[np.array([k])], {label: load})[0]
+                        wrench_cases(
+                            mechanism, configurations[np.array([k])], {label: load}
+                        )[0]
                     )
         return cases
 
 
 def wrench_cases(
-    mechanism: Mechanism, found: Configurations, loads: Mapping[str, np.ndarray]
+    mechanism: Mechanism,
+    configurations: Configurations,
+    loads: Mapping[str, np.ndarray],
 ) -> list[list[Case]]:
     """Return the cases of wrenches at M. Raise InputError if the tool moves freely under one.
 
     Parameters
     ----------
-    mechanism, found
+    mechanism, configurations
         Robot, and its configurations at the poses.
     loads
         Wrenches (6,) at M, N and N·m, by label on the page.
     """
     return read_cases(
-        respond(mechanism, found, np.column_stack(list(loads.values()))), loads
+        respond(mechanism, configurations, np.column_stack(list(loads.values()))), loads
     )
 
 
@@ -164,21 +170,24 @@ def read_cases(done: Response, loads: Mapping[str, np.ndarray]) -> list[list[Cas
     return cases
 
 
-def mode_cases(found: Modes) -> list[list[Case]]:
+def mode_cases(vibration_modes: Modes) -> list[list[Case]]:
     """Return the modes at each pose as cases."""
     cases: list[list[Case]] = []
-    for k in range(len(found.configurations)):
+    for k in range(len(vibration_modes.configurations)):
         cases.append([])
-        for i, hertz in enumerate(found.frequencies[k]):
+        for i, hertz in enumerate(vibration_modes.frequencies[k]):
             if np.isfinite(hertz):
                 bound = (
-                    f" Hz, mesh error ± {found.error[k, i]:.2g}"
-                    if found.error[k, i]
+                    f" Hz, mesh error ± {vibration_modes.error[k, i]:.2g}"
+                    if vibration_modes.error[k, i]
                     else ""
                 )
                 note = f"{hertz:.5g}{bound} Hz" if hertz else "moves freely"
-                twists = {node: shape[k, :, i] for node, shape in found.shapes.items()}
-                energies = found.energy.items() if hertz else ()
+                twists = {
+                    node: shape[k, :, i]
+                    for node, shape in vibration_modes.shapes.items()
+                }
+                energies = vibration_modes.energy.items() if hertz else ()
                 shares = {name: float(share[k, i]) for name, share in energies}
                 cases[-1].append(Case(f"{i + 1}: {hertz:.4g} Hz", note, twists, shares))
     return cases

@@ -54,7 +54,7 @@ class Draft:
 
     def turn_robot(
         self,
-        found: Configurations,
+        configurations: Configurations,
         names: Sequence[str],
         cases: Sequence[Sequence[Case]],
         caption: str,
@@ -77,7 +77,9 @@ class Draft:
         source = self.folder / GEOMETRY
         if not source.exists():
             return None
-        data = robot_view(json.loads(source.read_text()), found, names, cases, **more)
+        data = robot_view(
+            json.loads(source.read_text()), configurations, names, cases, **more
+        )
         source.unlink()
         words = "the robot in three dimensions: arrow keys rotate it; choose pose, "
         return RobotView(
@@ -164,7 +166,7 @@ def write_run_report(
 
 
 def write_modes_report(
-    report: Draft, assembled: Assembled, names: Sequence[str], found: Modes
+    report: Draft, assembled: Assembled, names: Sequence[str], vibration_modes: Modes
 ) -> None:
     """Write the report of natural frequencies: the shown table and animated mode shapes.
 
@@ -172,7 +174,7 @@ def write_modes_report(
     ----------
     report, assembled
         Folder and tables, and robot with its parts' matrices.
-    names, found
+    names, vibration_modes
         Names (n,) of the poses, and modes there.
     """
     captions = {}
@@ -184,10 +186,10 @@ def write_modes_report(
         captions[file.name] = f"Mode {number} at {pose}", words
     stills = report.figures(captions)
     caption = f"The robot in its mode shapes, components coloured by their {ENERGY}."
-    cases = mode_cases(found)
+    cases = mode_cases(vibration_modes)
     still = stills[0] if stills else None
     view = report.turn_robot(
-        found.configurations, names, cases, caption, still, choice="mode"
+        vibration_modes.configurations, names, cases, caption, still, choice="mode"
     )
     sections = [
         Section("Mode shapes", view=view),
@@ -221,7 +223,7 @@ def write_deflection_report(
     report: Draft,
     assembled: Assembled,
     names: Sequence[str],
-    found: Configurations,
+    configurations: Configurations,
     cases: list[list[Case]],
 ) -> None:
     """Write the report of a deflection: the shown table and the robot under one wrench per pose.
@@ -230,7 +232,7 @@ def write_deflection_report(
     ----------
     report, assembled
         Folder and tables, and robot with its parts' matrices.
-    names, found, cases
+    names, configurations, cases
         Names (n,) of the poses, configurations there, and wrenches to show, by pose.
     """
     words = "the robot deformed, coloured by the " + ENERGY
@@ -246,7 +248,7 @@ def write_deflection_report(
     stills = report.figures(captions)
     caption = f"The robot under the wrench at M, components coloured by their {ENERGY}."
     view = report.turn_robot(
-        found, names, cases, caption, stills[0] if stills else None
+        configurations, names, cases, caption, stills[0] if stills else None
     )
     loaded = Section("The robot under load", view=view)
     report.write_robot(
@@ -254,34 +256,34 @@ def write_deflection_report(
     )
 
 
-def write_check_report(report: Draft, found: Inspection) -> None:
+def write_check_report(report: Draft, inspection: Inspection) -> None:
     """Write the report of a checked robot file: the robot at its poses and the shown tables."""
-    reached = [k for k, pose in enumerate(found.poses) if pose.is_reached]
-    names = [found.poses[k].name for k in reached]
+    reached = [k for k, pose in enumerate(inspection.poses) if pose.is_reached]
+    names = [inspection.poses[k].name for k in reached]
     at = names[0] if names else ""
     still = report.figure(f"robot_{at}.png", "", f"the robot at {at}")
     view = None
-    if found.configurations is None or still is None:
+    if inspection.configurations is None or still is None:
         (report.folder / GEOMETRY).unlink(missing_ok=True)
     else:
         caption = (
             "The robot at home and at the poses of its file; no stiffness computed."
         )
-        there = found.configurations[np.array(reached)]
+        there = inspection.configurations[np.array(reached)]
         view = report.turn_robot(there, names, [[] for _ in reached], caption, still)
     sections = [
         Section("The robot", view=view),
         Section("Contents of the robot file", report.shown, files=("check.json",)),
     ]
     facts = ["bodies are rigid here", "SI units in base axes {O}"]
-    report.write(f"{found.robot.name}: contents of its file", facts, sections)
+    report.write(f"{inspection.robot.name}: contents of its file", facts, sections)
 
 
 def _show_loaded(
     report: Draft, assembled: Assembled, poses: Mapping[str, Any]
 ) -> Section:
     """Return the section of the robot at poses under unit wrenches."""
-    found = configure(assembled.mechanism, list(poses.values()))
+    configurations = configure(assembled.mechanism, list(poses.values()))
     captions = {
         f"robot_{n}.png": (f"The robot at {n}.", f"the robot at {n}") for n in poses
     }
@@ -289,8 +291,8 @@ def _show_loaded(
     caption = (
         f"The robot under unit wrenches at M, components coloured by their {ENERGY}."
     )
-    cases = unit_wrenches(assembled.mechanism, found)
-    view = report.turn_robot(found, list(poses), cases, caption, still)
+    cases = unit_wrenches(assembled.mechanism, configurations)
+    view = report.turn_robot(configurations, list(poses), cases, caption, still)
     return Section("The robot under load", view=view)
 
 

@@ -114,8 +114,8 @@ def show_full_matrices(
     scale = np.full((6, 6), 1e-3)
     scale[:3, :3] = 1e-6
     bounds, soft = (
-        np.zeros_like(state.matrix) if each is None else each
-        for each in (bars, soft_bars)
+        np.zeros_like(state.matrix) if bound is None else bound
+        for bound in (bars, soft_bars)
     )
     for i, name in enumerate(names):
         if not len(state.rigid[i]):
@@ -161,7 +161,9 @@ def _scale(stiffness: Any) -> tuple[float, str]:
     notable = diagonals > NEGLIGIBLE * np.nanmax(diagonals, initial=0.0)
     least = np.min(diagonals, where=notable, initial=np.inf)
     powers = ((1e6, "10⁶ "), (1e3, "10³ "))
-    factor, power = next((each for each in powers if least >= 0.1 * each[0]), (1.0, ""))
+    factor, power = next(
+        (exponent for exponent in powers if least >= 0.1 * exponent[0]), (1.0, "")
+    )
     return factor, f"{power}N/m, {power}N·m/rad, {power}N"
 
 
@@ -217,22 +219,25 @@ def show_deflection(
     show_table("Strain energy by component, %", groups, parts)
 
 
-def show_modes(names: Sequence[str], found: Modes, title: str) -> None:
+def show_modes(names: Sequence[str], vibration_modes: Modes, title: str) -> None:
     """Show natural frequencies with bounds at each pose, and the elements with most strain energy.
 
     Parameters
     ----------
-    names, found, title
+    names, vibration_modes, title
         Names (n,) of the poses, modes there, and title of the table.
     """
     rows: list[Sequence[str]] = []
     for i, name in enumerate(names):
         for k, (hertz, bound) in enumerate(
-            zip(found.frequencies[i], found.error[i], strict=True)
+            zip(vibration_modes.frequencies[i], vibration_modes.error[i], strict=True)
         ):
             if not np.isfinite(hertz):
                 continue
-            shares = ((share[i, k], element) for element, share in found.energy.items())
+            shares = (
+                (share[i, k], element)
+                for element, share in vibration_modes.energy.items()
+            )
             most = sorted(shares, key=lambda each: -each[0])[:3]
             said = ", ".join(
                 f"{element} {100 * s:.0f} %" for s, element in most if s > 0.005
@@ -249,7 +254,7 @@ def show_modes(names: Sequence[str], found: Modes, title: str) -> None:
             )
     groups = (("pose",), ("mode", "Hz", "± mesh error"), ("strain energy",))
     show_table(title, groups, rows, prose=("strain energy",))
-    for remark in found.remarks:
+    for remark in vibration_modes.remarks:
         show_line(remark)
 
 

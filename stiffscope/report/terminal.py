@@ -124,11 +124,14 @@ def show_table(
     Empty columns are omitted.
     """
     count = sum(map(len, groups))
-    kept = [k == 0 or not rows or any(row[k] for row in rows) for k in range(count)]
-    rows = [
-        [cell for cell, keep in zip(row, kept, strict=True) if keep] for row in rows
+    shown_columns = [
+        k == 0 or not rows or any(row[k] for row in rows) for k in range(count)
     ]
-    flags = iter(kept)
+    rows = [
+        [cell for cell, keep in zip(row, shown_columns, strict=True) if keep]
+        for row in rows
+    ]
+    flags = iter(shown_columns)
     groups = [[name for name in group if next(flags)] for group in groups]
     columns = tuple(name for group in groups for name in group)
     recorder = _recorder.get()

@@ -71,8 +71,8 @@ def beam_dynamics(
     follow = np.zeros((size, 12))
     follow[ends] = np.eye(12)
     follow[inner] = -np.linalg.solve(k[np.ix_(inner, inner)], k[np.ix_(inner, ends)])
-    own = (a[np.ix_(inner, inner)] for a in (k, m))
-    squares, shapes = eigh(*own)
+    inner_matrices = (a[np.ix_(inner, inner)] for a in (k, m))
+    squares, shapes = eigh(*inner_matrices)
     modes = count_whole(squares, modes)
     squares = squares[:modes]
     shapes = shapes[:, :modes]

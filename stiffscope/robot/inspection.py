@@ -127,7 +127,7 @@ class Inspection:
 def inspect_robot(robot: RobotFile) -> Inspection:
     """Inspect a robot at home and at its named poses, with all bodies rigid."""
     mechanism = rigid_mechanism(robot)
-    found = mobility(mechanism)
+    mobilities = mobility(mechanism)
     linkage = Linkage(mechanism, "tool")
     errors = linkage.place_links(np.zeros((linkage.size, 1))).errors
     residual = linkage.length * float(np.abs(errors).max(initial=0.0))
@@ -141,7 +141,7 @@ def inspect_robot(robot: RobotFile) -> Inspection:
     inspection = Inspection(
         robot=robot,
         mechanism=mechanism,
-        mobility=found,
+        mobility=mobilities,
         residual=residual,
         parts=parts,
         masses=masses,
@@ -149,19 +149,21 @@ def inspect_robot(robot: RobotFile) -> Inspection:
     )
     try:
         configurations = configured_poses(robot, mechanism, list(named.values()))
-        locked = [k for k, state in found.coordinates.items() if state == "locked"]
+        locked = [k for k, state in mobilities.coordinates.items() if state == "locked"]
         ways = [w for w in reach(mechanism) if w.coordinate not in locked]
     except InputError as error:
-        return replace(inspection, remarks=tuple(_of_mobility(found)), error=str(error))
+        return replace(
+            inspection, remarks=tuple(_of_mobility(mobilities)), error=str(error)
+        )
     poses = tuple(
         _pose(configurations, k, *each) for k, each in enumerate(named.items())
     )
     mapped = None if robot.map is None else _map_reach(robot.map, mechanism)
     missed = mapped is not None and mapped < 1.0
     remarks = (
-        *_of_mobility(found, start_note(mechanism)),
-        *_of_choice(found, mechanism),
-        *_of_home(found, mechanism),
+        *_of_mobility(mobilities, start_note(mechanism)),
+        *_of_choice(mobilities, mechanism),
+        *_of_home(mobilities, mechanism),
         *_of_poses(poses),
         *(
             [f"{100 * (mapped or 0.0):.0f} % of the map's points are reached"]
@@ -173,8 +175,8 @@ def inspect_robot(robot: RobotFile) -> Inspection:
         *_of_places(robot, mechanism),
         *_of_masses(robot, masses),
     )
-    made = {"configurations": configurations, "mapped": mapped, "remarks": remarks}
-    return replace(inspection, reach=tuple(ways), poses=poses, **made)
+    facts = {"configurations": configurations, "mapped": mapped, "remarks": remarks}
+    return replace(inspection, reach=tuple(ways), poses=poses, **facts)
 
 
 def _named_poses(
@@ -208,9 +210,15 @@ def _pose(
 ) -> Pose:
     drives = tuple(configurations.drives[k].tolist())
     reason = configurations.reason(k)
-    found = None if reason else mobility(configurations.mechanism, configurations, k)
+    mobility_here = (
+        None if reason else mobility(configurations.mechanism, configurations, k)
+    )
     return Pose(
-        name, tuple(map(float, tool)), reason, drives, found and found.conditioning
+        name,
+        tuple(map(float, tool)),
+        reason,
+        drives,
+        mobility_here and mobility_here.conditioning,
     )
 
 
@@ -224,37 +232,41 @@ def _map_reach(swept: MapSection, mechanism: Mechanism) -> float:
     return float(configure(mechanism, points).valid.mean())
 
 
-def _of_mobility(found: Mobility, start: str | None = None) -> Iterator[str]:
+def _of_mobility(mobilities: Mobility, start: str | None = None) -> Iterator[str]:
     """Yield remarks on drives and coordinates; ``start``: where poses start, unless at home."""
-    of = found.coordinates.items()
+    of = mobilities.coordinates.items()
     locked, free = (
         ", ".join(k for k, state in of if state == word) for word in ("locked", "free")
     )
     if start:
         yield start
     elif locked:
-        able = ", ".join(map(str, found.tool)) or "nothing"
+        able = ", ".join(map(str, mobilities.tool)) or "nothing"
         yield f"[tool] pose commands {locked}, which the mechanism locks; free: {able}"
     if free:
         yield f"the tool also moves in {free}, which [tool] pose does not command"
-    if found.loose:
-        left = ", ".join(map(str, found.loose))
-        more = len(found.loose)
+    if mobilities.loose:
+        left = ", ".join(map(str, mobilities.loose))
+        more = len(mobilities.loose)
         yield f"too few drives: with all held the tool still moves ({left}); {more} more needed"
-    if found.redundant_drives:
-        names = list_names(found.dependent_drives)
-        yield f"drives determined by others or by loops: {names}; {found.redundant_drives} too many"
-    if found.rounding > RANK_GAP or found.constraint_margin < NEAR:
-        size = found.rounding if found.rounding > RANK_GAP else found.constraint_margin
+    if mobilities.redundant_drives:
+        names = list_names(mobilities.dependent_drives)
+        yield f"drives determined by others or by loops: {names}; {mobilities.redundant_drives} too many"
+    if mobilities.rounding > RANK_GAP or mobilities.constraint_margin < NEAR:
+        size = (
+            mobilities.rounding
+            if mobilities.rounding > RANK_GAP
+            else mobilities.constraint_margin
+        )
         yield (
             f"a motion is almost free (to {size:.1g} of robot size): axes nearly parallel or "
             "intersecting; are coordinates rounded? Give them as expressions, or to 12 digits"
         )
 
 
-def _of_choice(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
+def _of_choice(mobilities: Mobility, mechanism: Mechanism) -> Iterator[str]:
     """Yield a remark on what stays as at home if a pose leaves a continuum of configurations."""
-    motions = found.dof - found.idle_count
+    motions = mobilities.dof - mobilities.idle_count
     ways = motions - len(mechanism.tool.pose)
     joints, coordinates = find_still(mechanism)
     still = [*joints, *(f"{name} of the tool" for name in coordinates)]
@@ -265,7 +277,7 @@ def _of_choice(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
         yield f"[tool] pose leaves {ways} of {motions} motions open: {stay}"
 
 
-def _of_home(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
+def _of_home(mobilities: Mobility, mechanism: Mechanism) -> Iterator[str]:
     """Yield a remark if home is singular: its mobility differs from that nearby."""
     size = Linkage(mechanism, "tool").length
     rng = np.random.default_rng(0)
@@ -276,9 +288,9 @@ def _of_home(found: Mobility, mechanism: Mechanism) -> Iterator[str]:
     near = configure(mechanism, mechanism.tool.home + away)
     for k in np.flatnonzero(near.valid)[:2]:
         there = mobility(mechanism, near, int(k))
-        if (there.dof, len(there.tool)) != (found.dof, len(found.tool)):
+        if (there.dof, len(there.tool)) != (mobilities.dof, len(mobilities.tool)):
             yield (
-                f"home is singular: of {found.dof} degrees of freedom the tool has {len(found.tool)} there, "
+                f"home is singular: of {mobilities.dof} degrees of freedom the tool has {len(mobilities.tool)} there, "
                 f"of {there.dof} nearby {len(there.tool)}"
             )
             return
@@ -406,22 +418,22 @@ def _of_masses(robot: RobotFile, masses: Mapping[str, float | None]) -> Iterator
         yield f"no mass, hence no weight: {list_names(most)}"
 
 
-def inspection_json(found: Inspection) -> dict[str, Any]:
+def inspection_json(inspection: Inspection) -> dict[str, Any]:
     """Return an inspection as JSON data: m, rad, kg, base axes {O}."""
-    m = found.mobility
-    mechanism = found.mechanism
-    masses = found.masses
+    m = inspection.mobility
+    mechanism = inspection.mechanism
+    masses = inspection.masses
     ends = ("low", "high", "at_low", "at_high")
     return {
-        "robot": found.robot.name,
-        "file": found.robot.path,
-        "usable": not found.error,
-        "error": found.error,
-        "remarks": found.remarks,
-        "doubts": [asdict(doubt) for doubt in found.doubts],
+        "robot": inspection.robot.name,
+        "file": inspection.robot.path,
+        "usable": not inspection.error,
+        "error": inspection.error,
+        "remarks": inspection.remarks,
+        "doubts": [asdict(doubt) for doubt in inspection.doubts],
         "bodies": [
             {"name": name, "part": getattr(body, "part", None), "mass": masses[name]}
-            for name, body in found.robot.bodies.items()
+            for name, body in inspection.robot.bodies.items()
         ],
         "joints": [
             {
@@ -447,7 +459,7 @@ def inspection_json(found: Inspection) -> dict[str, Any]:
         "degrees_of_freedom": {
             "mechanism": m.dof,
             "tool": len(m.tool),
-            "tool_motions": [str(each) for each in m.tool],
+            "tool_motions": [str(motion) for motion in m.tool],
             "coordinates": dict(m.coordinates),
             "joint_freedoms": m.freedoms,
             "loops": len(m.loops),
@@ -459,7 +471,7 @@ def inspection_json(found: Inspection) -> dict[str, Any]:
                 "loops": r.loops,
                 "bodies": r.bodies,
                 "joints": r.joints,
-                "directions": [str(each) for each in r.directions],
+                "directions": [str(direction) for direction in r.directions],
             }
             for r in m.redundancies
         ],
@@ -467,20 +479,21 @@ def inspection_json(found: Inspection) -> dict[str, Any]:
             {"count": i.count, "bodies": i.bodies, "joints": i.joints, "motion": str(i)}
             for i in m.idle
         ],
-        "undriven_motions": [str(each) for each in m.loose],
+        "undriven_motions": [str(motion) for motion in m.loose],
         "redundant_drives": {"count": m.redundant_drives, "names": m.dependent_drives},
         "conditioning": m.conditioning,
         "constraint_margin": m.constraint_margin,
-        "residual": found.residual,
+        "residual": inspection.residual,
         "mass": None
         if None in masses.values()
         else sum(mass or 0.0 for mass in masses.values()),
         "parts": {
             p.name: {k: v for k, v in asdict(p).items() if k != "name"}
-            for p in found.parts
+            for p in inspection.parts
         },
         "reach": {
-            w.coordinate: {key: getattr(w, key) for key in ends} for w in found.reach
+            w.coordinate: {key: getattr(w, key) for key in ends}
+            for w in inspection.reach
         },
         "poses": {
             p.name: {
@@ -490,7 +503,7 @@ def inspection_json(found: Inspection) -> dict[str, Any]:
                 "drives": p.drives,
                 "conditioning": p.conditioning,
             }
-            for p in found.poses
+            for p in inspection.poses
         },
-        "map_reached": found.mapped,
+        "map_reached": inspection.mapped,
     }

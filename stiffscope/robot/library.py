@@ -40,7 +40,7 @@ def find_robot(name_or_path: str | Path) -> Path:
         ).close()
     except InputError as error:
         with contextlib.suppress(OSError, ValueError):
-            names += [str(each) for each in islice(path.parent.glob("*.toml"), 1000)]
+            names += [str(file) for file in islice(path.parent.glob("*.toml"), 1000)]
         raise InputError(f"{error}{suggest(str(name_or_path)[:100], names)}") from error
     return path
 

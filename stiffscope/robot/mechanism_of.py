@@ -122,7 +122,9 @@ def _joint(robot: RobotFile, name: str, joint: JointSection) -> Joint:
         low, high = given.range or (-np.inf, np.inf)
         driven = Drive(stiffness, low, high, law)
     axes = (getattr(joint, key, None) for key in ("axis", "axis2"))
-    axis, axis2 = (each if each is None else np.array(each) for each in axes)
+    axis, axis2 = (
+        direction if direction is None else np.array(direction) for direction in axes
+    )
     flexure = {
         key: getattr(joint, key) for key in ("spring", "rest") if hasattr(joint, key)
     }

@@ -61,10 +61,12 @@ class NominalRobot:
             name for name, part in self.robot.parts.items() if not part.interface_names
         )
         robot = self.robot
-        own = self.elastic_sources
+        sources = self.elastic_sources
         used = ((part, body) for part in two for body in robot.bodies_of(part)[:1])
         return tuple(
-            part for part, body in used if is_beam(robot, part, own[body].compliance)
+            part
+            for part, body in used
+            if is_beam(robot, part, sources[body].compliance)
         )
 
     @property
@@ -75,10 +77,10 @@ class NominalRobot:
     @cached_property
     def compliances(self) -> Mapping[str, Array]:
         """Compliance (6, 6) of each element, own axes and point; (6m, 6m) with m + 1 ends."""
-        found = {
+        by_name = {
             e.name: e.compliance for e in list_elements(without_laws(self.mechanism))
         }
-        return found | {
+        return by_name | {
             name: elastic.compliance for name, elastic in self.elastic_sources.items()
         }
 
@@ -184,7 +186,7 @@ class NominalRobot:
 
     def __reduce__(self) -> tuple[Any, ...]:
         given = {
-            each.name: getattr(self.robot, each.name) for each in fields(self.robot)
+            item.name: getattr(self.robot, item.name) for item in fields(self.robot)
         }
         plain = {
             name: dict(value)

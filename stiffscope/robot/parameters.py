@@ -63,12 +63,12 @@ def parameters(
     Expressions follow the numbers in them, and copies follow their originals. Zeros are omitted.
     """
     written = parse_text(robot.path, robot.source.text)
-    found = []
+    listed = []
     for key, value, unit in _candidates(robot, written, components):
         given = _find_given(robot, written, key)
         if value and not is_expression(given):
-            found.append(Parameter(key, float(value), unit, robot.tolerances.get(key)))
-    return tuple(found)
+            listed.append(Parameter(key, float(value), unit, robot.tolerances.get(key)))
+    return tuple(listed)
 
 
 def _candidates(
@@ -155,12 +155,12 @@ def _of_bearings(
 
 def _constants(material: AnyMaterial) -> Iterator[tuple[Key, Any, str]]:
     """Yield the constants of a material."""
-    for each in dataclasses.fields(material):
-        unit = CONSTANTS.get(each.name.rpartition("_")[2])
+    for field in dataclasses.fields(material):
+        unit = CONSTANTS.get(field.name.rpartition("_")[2])
         if unit:
             yield (
-                ("materials", material.name, each.name),
-                getattr(material, each.name),
+                ("materials", material.name, field.name),
+                getattr(material, field.name),
                 unit,
             )
 

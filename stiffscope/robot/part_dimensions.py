@@ -107,11 +107,11 @@ def with_parameter(
             changed.parameters()
         return replace(robot, parts={**robot.parts, name: changed})
     material: Any = robot.material(name)
-    own = f"{material.name} of {name}"
-    changed = part.model_copy(update={"material": own})
+    new_name = f"{material.name} of {name}"
+    changed = part.model_copy(update={"material": new_name})
     materials = {
         **robot.materials,
-        own: replace(material, name=own, **{parameter: value}),
+        new_name: replace(material, name=new_name, **{parameter: value}),
     }
     return replace(robot, parts={**robot.parts, name: changed}, materials=materials)
 

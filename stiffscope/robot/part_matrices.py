@@ -128,30 +128,30 @@ def part_sources(
             name in used, "components", f"parts among {', '.join(used)}", f"{name!r}"
         )
     known = get_args(Source)
-    for each in (word, *given.values()):
+    for source in (word, *given.values()):
         require(
-            not isinstance(each, str) or each in known,
+            not isinstance(source, str) or source in known,
             "components",
             f"{', '.join(known)} or a matrix",
-            repr(each),
+            repr(source),
         )
     sources: dict[str, str | np.ndarray] = {}
     for name in used:
         part = robot.parts[name]
-        own = given.get(name)
-        if own is not None and not isinstance(own, str):
+        given_source = given.get(name)
+        if given_source is not None and not isinstance(given_source, str):
             sources[name] = check_compliance(
-                own, f"components: {name}", semidefinite=True
+                given_source, f"components: {name}", semidefinite=True
             )
         else:
             valid = " or ".join([*part.sources, "a matrix"])
             require(
-                not own or own in part.sources,
+                not given_source or given_source in part.sources,
                 "components",
                 f"{valid} for {name}, a {part.shape} part",
-                repr(own),
+                repr(given_source),
             )
-            sources[name] = source_of(part, own or word)
+            sources[name] = source_of(part, given_source or word)
     return sources
 
 
@@ -229,15 +229,15 @@ def _matrix(
         material: Any = robot.material(name)
         length = sum(length for length, _ in segments)
         places = np.array([[-length, 0.0, 0.0], np.zeros(3)])
-        own = (material.youngs_modulus, material.shear_modulus, material.density)
-        dynamics = beam_dynamics(segments, *own) if mass else None
+        constants = (material.youngs_modulus, material.shear_modulus, material.density)
+        dynamics = beam_dynamics(segments, *constants) if mass else None
     else:
         compliance = tested.compliance
         error = tested.error
-        made: Any = tested.experiment
-        places = np.vstack([made.clamp_point, made.reference_points])
-        modes = made.mode_squares, made.mode_squares_error
-        dynamics = Dynamics(made.condensed_mass, *modes) if mass else None
+        result: Any = tested.experiment
+        places = np.vstack([result.clamp_point, result.reference_points])
+        modes = result.mode_squares, result.mode_squares_error
+        dynamics = Dynamics(result.condensed_mass, *modes) if mass else None
     dynamics = dynamics and dynamics.scale_density(mass / dynamics.total)
     return PartMatrix(compliance, error, mass, dynamics, places)
 
@@ -330,19 +330,19 @@ def is_published_part(robot: RobotFile, name: str) -> bool:
     table = "link" if part.shape == "rod" else getattr(part, "published", None)
     if table is None or material is None or not isinstance(part, ParametricPart):
         return False
-    own = part.dimensions() | {
+    values = part.dimensions() | {
         "shape": part.shape,
         "youngs_modulus": material.youngs_modulus,
         "shear_modulus": material.shear_modulus,
     }
     wanted = read_published(table).get("part", {})
-    return all(_is_same(own.get(key), value) for key, value in wanted.items())
+    return all(_is_same(values.get(key), value) for key, value in wanted.items())
 
 
-def _is_same(own: float | int | str | None, wanted: float | int | str) -> bool:
-    if isinstance(own, str) or isinstance(wanted, str) or own is None:
-        return own == wanted
-    return abs(own - wanted) <= 1e-9 * abs(wanted)
+def _is_same(value: float | int | str | None, wanted: float | int | str) -> bool:
+    if isinstance(value, str) or isinstance(wanted, str) or value is None:
+        return value == wanted
+    return abs(value - wanted) <= 1e-9 * abs(wanted)
 
 
 def published_matrix(name: str) -> np.ndarray:
@@ -360,7 +360,7 @@ def published_matrix(name: str) -> np.ndarray:
 def read_published(name: str) -> dict[str, Any]:
     """Return the content of `data/published/<name>.toml`; raise InputError if it does not exist."""
     path = FOLDER / "published" / f"{name}.toml"
-    known = sorted(each.stem for each in path.parent.glob("*.toml"))
+    known = sorted(file.stem for file in path.parent.glob("*.toml"))
     require(name in known, "data/published", f"one of {', '.join(known)}", f"{name!r}")
     return tomllib.loads(path.read_text(encoding="utf-8"))
 

@@ -18,9 +18,9 @@ def describe_briefly(self: Any) -> str:
     Used as ``__repr__`` of such classes. Empty fields are omitted.
     """
     shown = {
-        each.name: _describe(getattr(self, each.name))
-        for each in fields(self)
-        if each.repr
+        field.name: _describe(getattr(self, field.name))
+        for field in fields(self)
+        if field.repr
     }
     words = ", ".join(f"{name}={text}" for name, text in shown.items() if text)
     return f"{type(self).__name__}({words})"

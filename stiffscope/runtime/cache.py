@@ -126,24 +126,24 @@ class Cache:
             Writes the result to a folder.
         """
         holder = Path(tempfile.mkdtemp(prefix=f"{kind}-", dir=self.spare))
-        made = holder / key
+        folder = holder / key
         try:
-            made.mkdir()  # by the umask, unlike the holder, so that others may read it
-            write(made)
-            held = self._store_result(made, kind, key)
+            folder.mkdir()  # by the umask, unlike the holder, so that others may read it
+            write(folder)
+            held = self._store_result(folder, kind, key)
         except BaseException:
             shutil.rmtree(holder, ignore_errors=True)
             raise
         if held is None:
-            return made
+            return folder
         shutil.rmtree(holder, ignore_errors=True)
         return held
 
     def entries(self, kinds: Collection[str] = ()) -> list[Entry]:
         """Return the entries of some kinds, by default of all, without checking their integrity."""
         folders = sorted(self.root.glob(f"*/*/{_INDEX}")) if self.root.is_dir() else []
-        found = (entry for index in folders if (entry := _entry(index.parent)))
-        return [entry for entry in found if not kinds or entry.kind in kinds]
+        listed = (entry for index in folders if (entry := _entry(index.parent)))
+        return [entry for entry in listed if not kinds or entry.kind in kinds]
 
     def clear(self, kinds: Collection[str] = ()) -> list[Entry]:
         """Remove and return the entries of some kinds, by default of all; keep other files."""
@@ -156,13 +156,13 @@ class Cache:
             if not os.path.lexists(self.root / entry.kind / entry.key)
         ]
 
-    def _store_result(self, made: Path, kind: str, key: str) -> Path | None:
+    def _store_result(self, path: Path, kind: str, key: str) -> Path | None:
         """Copy a result aside, add checksums, move it into place; None if this is impossible."""
         folder = self.root / kind / key
         try:
             with self._open_aside() as scratch:
                 aside = scratch / key
-                shutil.copytree(made, aside)
+                shutil.copytree(path, aside)
                 files = {
                     name: file_digest(aside / name)
                     for name in sorted(kept_files(aside))
@@ -197,10 +197,10 @@ class Cache:
 def _reason(error: OSError) -> str:
     """Return why something cannot be written; for several files, the reason of the first."""
     if isinstance(error, shutil.Error) and error.args and error.args[0]:
-        said = str(
+        message = str(
             error.args[0][0][2]
         )  # "[Errno 28] No space left on device: 'from' -> 'to'"
-        return said.partition("] ")[2].partition(":")[0] or said
+        return message.partition("] ")[2].partition(":")[0] or message
     return error.strerror or str(error)
 
 
@@ -231,15 +231,17 @@ def digest(determined_by: Mapping[str, Any]) -> str:
 @cache
 def code_version(packages: tuple[str, ...], libraries: tuple[str, ...]) -> str:
     """Return a hash of the packages' source and the libraries' versions."""
-    found = hashlib.sha256(f"{sys.version_info[:2]} {FORMAT}".encode())
+    digest_of_code = hashlib.sha256(f"{sys.version_info[:2]} {FORMAT}".encode())
     for package in packages:
         folder = Path(str(import_module(package).__file__)).parent
         for source in sorted(folder.rglob("*.py")):
-            found.update(f"{package}/{source.relative_to(folder).as_posix()}".encode())
-            found.update(source.read_bytes())
+            digest_of_code.update(
+                f"{package}/{source.relative_to(folder).as_posix()}".encode()
+            )
+            digest_of_code.update(source.read_bytes())
     for library in libraries:
-        found.update(f"{library} {library_version(library)}".encode())
-    return found.hexdigest()
+        digest_of_code.update(f"{library} {library_version(library)}".encode())
+    return digest_of_code.hexdigest()
 
 
 def library_version(library: str) -> str:

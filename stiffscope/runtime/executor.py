@@ -281,9 +281,9 @@ class _Child:
             outside = "from outside; is there enough memory?"
             cause = outside if code in KILLED else "in a library that it uses"
             return WorkerError(f"{name}: its process {how}, {cause}", code, output)
-        said = (output.strip().splitlines() or [f"exit code {code}"])[-1]
+        last_line = (output.strip().splitlines() or [f"exit code {code}"])[-1]
         return WorkerError(
-            f"{name}: its process ended without an answer ({said})", code, output
+            f"{name}: its process ended without an answer ({last_line})", code, output
         )
 
     def end(self) -> None:
@@ -346,10 +346,10 @@ class _Watch:
         total = 0.0
         with contextlib.suppress(psutil.NoSuchProcess):
             process = psutil.Process(self._pid)
-            own = process.cpu_times()
-            total = own.user + own.system
-            total += getattr(own, "children_user", 0.0)
-            total += getattr(own, "children_system", 0.0)
+            times = process.cpu_times()
+            total = times.user + times.system
+            total += getattr(times, "children_user", 0.0)
+            total += getattr(times, "children_system", 0.0)
             for child in process.children(recursive=True):
                 with contextlib.suppress(psutil.NoSuchProcess):
                     more = child.cpu_times()

@@ -21,7 +21,7 @@ def _write_csv(columns: Columns, path: Path, digits: int | None) -> None:
     import pyarrow as pa
     import pyarrow.csv
 
-    numbers = all(np.asarray(each).dtype == float for each in columns.values())
+    numbers = all(np.asarray(column).dtype == float for column in columns.values())
     if numbers and digits is None:  # quick on long paths
         pyarrow.csv.write_csv(pa.table(dict(columns)), path)
         return
@@ -33,7 +33,7 @@ def _write_csv(columns: Columns, path: Path, digits: int | None) -> None:
             return "" if np.isnan(value) else value
         return f"{value:.{digits}g}"
 
-    listed = [np.asarray(each).tolist() for each in columns.values()]
+    listed = [np.asarray(column).tolist() for column in columns.values()]
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(columns)

@@ -320,7 +320,7 @@ def _check_place(target: str | Path, goal: Path, *, there: bool) -> None:
 def _foreign(folder: Path) -> dict[str, str]:
     """Return reasons for files that differ from the folder's manifest, by name."""
     ours = _digest_written(folder)
-    found = {}
+    foreign = {}
     for path in sorted(folder.rglob("*")):
         name = path.relative_to(folder).as_posix()
         folder_with_files = (
@@ -329,10 +329,10 @@ def _foreign(folder: Path) -> dict[str, str]:
         if folder_with_files or (name == MANIFEST and ours):
             continue
         if name not in ours:
-            found[name] = f'holds "{name}", which stiffscope did not write'
+            foreign[name] = f'holds "{name}", which stiffscope did not write'
         elif not _is(path, ours[name]):
-            found[name] = f'"{name}" in it has been changed since stiffscope wrote it'
-    return found
+            foreign[name] = f'"{name}" in it has been changed since stiffscope wrote it'
+    return foreign
 
 
 def _digest_written(folder: Path) -> dict[str, str]:
@@ -359,8 +359,8 @@ def _list_files(folder: Path) -> None:
     for place, _, _ in os.walk(folder, topdown=False):
         if Path(place) != folder and not any(Path(place).iterdir()):
             Path(place).rmdir()
-    files = [each for each in folder.rglob("*") if each.is_file() and each != path]
-    names = sorted(each.relative_to(folder).as_posix() for each in files)
+    files = [file for file in folder.rglob("*") if file.is_file() and file != path]
+    names = sorted(file.relative_to(folder).as_posix() for file in files)
     sums = {name: file_digest(folder / name) for name in names}
     content = {"made_by": MAKER, **manifest, "files": names, "sha256": sums}
     path.write_text(encodable(to_json(content), "utf-8"), encoding="utf-8")
@@ -386,11 +386,11 @@ def _exchange(aside: Path, goal: Path, target: str | Path) -> None:
         goal.rename(aside)
         former.rename(goal)
         beside = (goal.with_name(f"{goal.name}.new{k or ''}") for k in range(10_000))
-        kept = next(path for path in beside if not os.path.lexists(path))
-        aside.rename(kept)
+        free_path = next(path for path in beside if not os.path.lexists(path))
+        aside.rename(free_path)
         reason = next(iter(foreign.values()))
         raise InputError(
-            f"{target}: {reason}; it stays as it is, and the new results are in {kept}"
+            f"{target}: {reason}; it stays as it is, and the new results are in {free_path}"
         )
     for name in foreign:
         if not os.path.lexists(goal / name):

@@ -146,7 +146,10 @@ def describe_cause(error: BaseException, path: str | Path = "") -> str:
 def show_path(path: str | Path) -> str:
     """Return a path for a message: on one line, shortened if long."""
     text = (
-        "".join(each if each.isprintable() else repr(each)[1:-1] for each in str(path))
+        "".join(
+            letter if letter.isprintable() else repr(letter)[1:-1]
+            for letter in str(path)
+        )
         or '""'
     )
     return text if len(text) <= 300 else f"{text[:140]}…{text[-140:]}"

@@ -42,8 +42,8 @@ class Scheduler(Executor):
         cure = "none; install it by: python -m pip install 'stiffscope[cluster]'"
         with expecting(where, "the package distributed", ImportError, got=cure):
             from distributed import Client
-        for each in ("distributed", "distributed.client", "tornado.application"):
-            logging.getLogger(each).setLevel(
+        for logger in ("distributed", "distributed.client", "tornado.application"):
+            logging.getLogger(logger).setLevel(
                 logging.CRITICAL
             )  # a lost scheduler is reported
         # TypeError: distributed's own for "tls://" without certificates

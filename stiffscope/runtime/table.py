@@ -120,8 +120,8 @@ class Table:
 
     def fail(self, row: int, column: str, expected: str) -> InputError:
         """Return the error for a cell."""
-        found = self.columns[column][row] if column in self.columns else ""
-        text = found if isinstance(found, str) else f"{found:g}"
+        cell = self.columns[column][row] if column in self.columns else ""
+        text = cell if isinstance(cell, str) else f"{cell:g}"
         shown = "an empty cell" if not text.strip() else repr(text[:40])
         where = f"{self.name}:{self.lines[row]}: {self.headings.get(column, column)}"
         return InputError(f"{where}: expected {expected}, got {shown}")
@@ -218,12 +218,12 @@ def read_table(
     require(rows, name, "a header line of column names", "an empty file")
     _drop_empty_columns(rows)
     header = _header(name, rows[0], lines[0])
-    own = {
+    renamed = {
         column: heading
         for column, heading in (headings or {}).items()
         if heading in header
     }
-    header = _rename(name, header, own, lines[0])
+    header = _rename(name, header, renamed, lines[0])
     faults = Faults() if together else None
     try:
         check(name, [column for column in header if column not in ignore])
@@ -248,15 +248,15 @@ def read_table(
         for each, column in cells
         if each not in ignore
     }
-    return Table(name, columns, tuple(lines[1:]), decimal_comma, own, faults)
+    return Table(name, columns, tuple(lines[1:]), decimal_comma, renamed, faults)
 
 
 def _rename(
-    name: str, header: list[str], own: Mapping[str, str], line: int
+    name: str, header: list[str], renamed: Mapping[str, str], line: int
 ) -> list[str]:
     """Return the header with names of columns in place of a file's own headings."""
-    column_of = {heading: column for column, heading in own.items()}
-    for column, heading in own.items():
+    column_of = {heading: column for column, heading in renamed.items()}
+    for column, heading in renamed.items():
         require(
             not (column in header and column not in column_of),
             f"{name}:{line}: {column}",
@@ -283,12 +283,14 @@ def _lines(path: Path, most: int) -> tuple[list[list[str]], list[int], bool, lis
         else "a table (.csv, .tsv, .xlsx)"
     )
     text = read_text(path, what, MOST_BYTES * max(1, most // MOST_ROWS))
-    if said := re.match(
+    if match := re.match(
         r'"?sep=([,;\t])"?(?=\r?\n)', text, re.IGNORECASE
     ):  # Excel's own first line
-        text = text[said.end() :]  # its line end stays, so that lines are counted
+        text = text[match.end() :]  # its line end stays, so that lines are counted
     start = text.lstrip()[:_LONGEST].partition("\n")[0]
-    mark = said[1] if said else "\t" if "\t" in start else ";" if ";" in start else ","
+    mark = (
+        match[1] if match else "\t" if "\t" in start else ";" if ";" in start else ","
+    )
     stream = io.StringIO(text, newline="")
     blank = mark != "\t"
     reader = csv.reader(stream, delimiter=mark, strict=True, skipinitialspace=blank)
@@ -343,7 +345,9 @@ def _sheet(path: Path, most: int) -> tuple[list[list[str]], list[int], bool, lis
 
 def _visible(path: Path, book: openpyxl.Workbook) -> list[Any]:
     """Return the sheets that are not hidden; raise InputError if there is none."""
-    shown = [each for each in book.worksheets if each.sheet_state == "visible"]
+    shown = [
+        worksheet for worksheet in book.worksheets if worksheet.sheet_state == "visible"
+    ]
     require(shown, path, "an .xlsx workbook with a sheet not hidden")
     return shown
 
@@ -352,7 +356,7 @@ def _filled_rows(
     path: Path, rows: Iterable[Sequence[object]], most: int
 ) -> tuple[list[list[str]], list[int]]:
     """Return nonempty rows up to their last value, with row numbers, in bounded time and memory."""
-    found: list[list[str]] = []
+    filled: list[list[str]] = []
     lines: list[int] = []
     cells = 0
     for line, row in enumerate(rows, 1):
@@ -364,11 +368,11 @@ def _filled_rows(
             (k for k in range(len(row), 0, -1) if row[k - 1] not in {None, ""}), 0
         )
         if last:
-            found.append([_cell(value) for value in row[:last]])
+            filled.append([_cell(value) for value in row[:last]])
             lines.append(line)
-            if len(found) > most + 1 or last > MOST_COLUMNS:
+            if len(filled) > most + 1 or last > MOST_COLUMNS:
                 break
-    return found, lines
+    return filled, lines
 
 
 def _check_formulas(path: Path, stream: BinaryIO, known: Any) -> None:
@@ -388,7 +392,7 @@ def _check_formulas(path: Path, stream: BinaryIO, known: Any) -> None:
 def _check_unpacked(path: Path, stream: BinaryIO) -> None:
     """Raise InputError for a workbook that is too large when unpacked, or has a row or tag that is."""
     with zipfile.ZipFile(stream) as book:
-        size = sum(each.file_size for each in book.infolist())
+        size = sum(member.file_size for member in book.infolist())
     most = f"an .xlsx workbook of at most {MOST_BYTES >> 20} MiB unpacked"
     require(size <= MOST_BYTES, path, most, size >> 20)
     most = f"an .xlsx workbook with at most {_MOST_TAGS:,} tags in and beside rows, of at most {_LONGEST:,} characters"
@@ -397,8 +401,8 @@ def _check_unpacked(path: Path, stream: BinaryIO) -> None:
             if not name.endswith((".xml", ".rels")):
                 continue
             text = book.read(name)
-            found = islice(re.finditer(rb"<(?:\w+:)?row\b", text), _LAST_ROW)
-            rows = [0, *(each.start() for each in found), len(text)]
+            matches = islice(re.finditer(rb"<(?:\w+:)?row\b", text), _LAST_ROW)
+            rows = [0, *(match.start() for match in matches), len(text)]
             count = max(text.count(b"<", *ends) for ends in pairwise(rows))
             is_long = re.search(rb"<[^<>]{%d}" % _LONGEST, text)
             fits = count <= _MOST_TAGS and not is_long

@@ -97,16 +97,18 @@ def compare_robots(
     reached = np.zeros(len(poses), dtype=bool)
     if poses:
         valid = [
-            configured_poses(each.robot, each.mechanism, values).valid
-            for each in made.values()
+            configured_poses(assembled.robot, assembled.mechanism, values).valid
+            for assembled in made.values()
         ]
         reached = np.all(valid, axis=0)
     require(reached.any(), "compare", "a named pose that both robots reach", "none")
     both = [
-        analyse(each.mechanism, values[reached], gravity="exact")
-        for each in made.values()
+        analyse(assembled.mechanism, values[reached], gravity="exact")
+        for assembled in made.values()
     ]
-    plain = [analyse(each.mechanism, values[reached]) for each in made.values()]
+    plain = [
+        analyse(assembled.mechanism, values[reached]) for assembled in made.values()
+    ]
     change = None
     if first.map is not None and second.map is not None:
         one = map_robot(first, made["first"].mechanism, POINTS, "none")
@@ -117,16 +119,16 @@ def compare_robots(
     return RobotComparison(
         names=names,
         poses=tuple(name for name, ok in zip(poses, reached, strict=True) if ok),
-        stiffness=np.array([each.matrix for each in plain]),
-        push=np.array([each.alone for each in plain]),
-        sag=np.array([each.sag for each in both]),
-        mass=np.array([mass_of(each) for each in made.values()]),
+        stiffness=np.array([state.matrix for state in plain]),
+        push=np.array([state.alone for state in plain]),
+        sag=np.array([state.sag for state in both]),
+        mass=np.array([mass_of(assembled) for assembled in made.values()]),
         change=change,
         made=made,
         places=tuple(map(tuple, values[reached].tolist())),
     )
 
 
-def mass_of(made: Assembled) -> float:
+def mass_of(assembled: Assembled) -> float:
     """Return the mass of a robot's solids and rigid bodies, kg."""
-    return mass_of_solids(made.robot, made.sources, made.results)
+    return mass_of_solids(assembled.robot, assembled.sources, assembled.results)

@@ -273,7 +273,7 @@ def map_volume(
     grids = np.repeat(layers[:, None], points * points, axis=1)
     grids[..., pose.index(across)] = np.tile(columns, points)
     grids[..., pose.index(up)] = np.repeat(rows, points)
-    every = [configure(mechanism, each) for each in grids]
+    every = [configure(mechanism, grid) for grid in grids]
     if not any(found.valid.any() for found in every):
         raise InputError(
             f"map: no pose is within reach; the first is not: {every[0].reason(0)}"
@@ -313,7 +313,9 @@ def map_volume(
                     if n not in {across, up}
                 },
                 *(value.reshape(*size, 6) for value in (*diagonals, push, sag)),
-                rigid=np.array([len(each) > 0 for each in state.rigid]).reshape(size),
+                rigid=np.array([len(wrenches) > 0 for wrenches in state.rigid]).reshape(
+                    size
+                ),
                 down=bool(weight > 0.0),
                 frequencies=None
                 if sounds is None
@@ -348,14 +350,14 @@ class Quantity:
     words: str
 
 
-def list_quantities(found: StiffnessMap) -> list[Quantity]:
+def list_quantities(stiffness_map: StiffnessMap) -> list[Quantity]:
     """Return all quantities of a map, in the order of its files."""
-    where = "; 1/C_ii where a direction is rigid" if found.rigid.any() else ""
-    own = "with the robot's own weight"
+    where = "; 1/C_ii where a direction is rigid" if stiffness_map.rigid.any() else ""
+    with_weight = "with the robot's own weight"
     out = []
     for mark, values, words in (
-        ("", found.stiffness, f"stiffness at M without gravity{where}"),
-        ("_loaded", found.loaded, f"stiffness at M {own}{where}"),
+        ("", stiffness_map.stiffness, f"stiffness at M without gravity{where}"),
+        ("_loaded", stiffness_map.loaded, f"stiffness at M {with_weight}{where}"),
     ):
         for k, (name, axis) in enumerate(zip(DIAGONAL, COORDINATES, strict=True)):
             column = name.lower().replace("_", "") + mark
@@ -364,40 +366,46 @@ def list_quantities(found: StiffnessMap) -> list[Quantity]:
             out.append(Quantity(*names, values[..., k], *about))
     for k, axis in enumerate(COORDINATES):
         names = (f"push_{axis}", f"push_{axis}", "push")
-        words = f"1/C_ii at M {own}, a push with all other directions free, {axis}"
-        out.append(Quantity(*names, found.push[..., k], _FORCES[k], words))
+        words = (
+            f"1/C_ii at M {with_weight}, a push with all other directions free, {axis}"
+        )
+        out.append(Quantity(*names, stiffness_map.push[..., k], _FORCES[k], words))
     for k, axis in enumerate(COORDINATES):
         names = (f"sag_{axis}", f"sag_{axis}", "sag")
         words = f"twist of the tool under the robot's own weight, {axis}"
-        out.append(Quantity(*names, found.sag[..., k], _LENGTHS[k], words))
-    sounds = np.zeros((0, 0, 0)) if found.frequencies is None else found.frequencies
+        out.append(Quantity(*names, stiffness_map.sag[..., k], _LENGTHS[k], words))
+    sounds = (
+        np.zeros((0, 0, 0))
+        if stiffness_map.frequencies is None
+        else stiffness_map.frequencies
+    )
     for k in range(sounds.shape[2]):
         names = (f"f{k + 1}", f"f{k + 1}", "frequencies")
         words = f"natural frequency {k + 1}, drives held"
         out.append(Quantity(*names, sounds[..., k], "Hz", words))
-    more = found.more.items()
+    more = stiffness_map.more.items()
     return out + [Quantity(name, name, "", *scalar) for name, scalar in more]
 
 
 def write_map(
-    found: StiffnessMap | StiffnessVolume, folder: Path, title: str = ""
+    stiffness_map: StiffnessMap | StiffnessVolume, folder: Path, title: str = ""
 ) -> None:
     """Write the table of a map or volume, its dataset (map.nc), and of a map its arrays; SI.
 
     The table has the columns of `map_columns`; map.npz has arrays (row, column, direction).
     """
-    write_table(map_columns(found), folder / "map", TABLES, digits=9)
-    write_netcdf(volume_dataset(found, title), folder / "map.nc")
-    if isinstance(found, StiffnessVolume):
+    write_table(map_columns(stiffness_map), folder / "map", TABLES, digits=9)
+    write_netcdf(volume_dataset(stiffness_map, title), folder / "map.nc")
+    if isinstance(stiffness_map, StiffnessVolume):
         return
     arrays = {
-        found.across: found.columns,
-        found.up: found.rows,
+        stiffness_map.across: stiffness_map.columns,
+        stiffness_map.up: stiffness_map.rows,
         "direction": np.array(DIAGONAL),
     }
-    arrays |= {name: np.float64(value) for name, value in found.at.items()}
+    arrays |= {name: np.float64(value) for name, value in stiffness_map.at.items()}
     together = defaultdict[str, list["Array"]](list)
-    for each in list_quantities(found):
+    for each in list_quantities(stiffness_map):
         if each.array:
             together[each.array].append(each.values)
         else:
@@ -407,23 +415,27 @@ def write_map(
         np.savez_compressed(stream, **arrays)  # type: ignore[arg-type]
 
 
-def map_columns(found: StiffnessMap | StiffnessVolume) -> dict[str, Array]:
+def map_columns(stiffness_map: StiffnessMap | StiffnessVolume) -> dict[str, Array]:
     """Return columns (n,) of the reachable poses of a map or volume and all quantities there, SI."""
-    if isinstance(found, StiffnessMap):
-        return _columns_of(found)
-    layers = [_columns_of(each, found.through) for each in found.maps]
-    return {name: np.concatenate([each[name] for each in layers]) for name in layers[0]}
+    if isinstance(stiffness_map, StiffnessMap):
+        return _columns_of(stiffness_map)
+    layers = [_columns_of(layer, stiffness_map.through) for layer in stiffness_map.maps]
+    return {
+        name: np.concatenate([layer[name] for layer in layers]) for name in layers[0]
+    }
 
 
-def _columns_of(found: StiffnessMap, *third: str) -> dict[str, Array]:
-    across, up = np.meshgrid(found.columns, found.rows)
-    columns = {found.across: across, found.up: up}
-    columns |= {name: np.full(across.shape, found.at[name]) for name in third}
-    columns |= {each.column: each.values for each in list_quantities(found)}
-    return {name: values[found.reached] for name, values in columns.items()}
+def _columns_of(stiffness_map: StiffnessMap, *third: str) -> dict[str, Array]:
+    across, up = np.meshgrid(stiffness_map.columns, stiffness_map.rows)
+    columns = {stiffness_map.across: across, stiffness_map.up: up}
+    columns |= {name: np.full(across.shape, stiffness_map.at[name]) for name in third}
+    columns |= {
+        quantity.column: quantity.values for quantity in list_quantities(stiffness_map)
+    }
+    return {name: values[stiffness_map.reached] for name, values in columns.items()}
 
 
-def to_dataset(found: StiffnessMap, title: str = "") -> xr.Dataset:
+def to_dataset(stiffness_map: StiffnessMap, title: str = "") -> xr.Dataset:
     """Return a map as a dataset over its coordinates with names and units, SI; NaN if unreachable.
 
     Variables are `K_tx` to `K_rz`, the same with `_loaded` (under own weight), `push_x` to `push_rz`
@@ -432,24 +444,28 @@ def to_dataset(found: StiffnessMap, title: str = "") -> xr.Dataset:
     """
     import xarray as xr
 
-    over = (found.up, found.across)
+    over = (stiffness_map.up, stiffness_map.across)
     variables = {
-        each.name: (over, each.values, {"units": each.unit, "long_name": each.words})
-        for each in list_quantities(found)
+        quantity.name: (
+            over,
+            quantity.values,
+            {"units": quantity.unit, "long_name": quantity.words},
+        )
+        for quantity in list_quantities(stiffness_map)
     }
     swept = {
-        found.across: (found.across, found.columns),
-        found.up: (found.up, found.rows),
+        stiffness_map.across: (stiffness_map.across, stiffness_map.columns),
+        stiffness_map.up: (stiffness_map.up, stiffness_map.rows),
     }
     places: dict[str, Any] = {}
     for name, value in (
-        swept | {name: ((), value) for name, value in found.at.items()}
+        swept | {name: ((), value) for name, value in stiffness_map.at.items()}
     ).items():
         words = f"tool point M, {name}"
         if name.startswith("r"):
             words = f"rotation vector of the tool from home, {name[-1]}"
         about = {"units": _LENGTHS[COORDINATES.index(name)], "long_name": words}
-        if found.down and name == found.up:
+        if stiffness_map.down and name == stiffness_map.up:
             about["positive"] = "down"
         places[name] = (*value, about)
     about = {
@@ -461,12 +477,12 @@ def to_dataset(found: StiffnessMap, title: str = "") -> xr.Dataset:
 
 
 def volume_dataset(
-    found: StiffnessMap | StiffnessVolume, title: str = ""
+    stiffness_map: StiffnessMap | StiffnessVolume, title: str = ""
 ) -> xr.Dataset:
     """Return the dataset of a map, or of a volume over its three coordinates; see `to_dataset`."""
-    if isinstance(found, StiffnessMap):
-        return to_dataset(found, title)
+    if isinstance(stiffness_map, StiffnessMap):
+        return to_dataset(stiffness_map, title)
     import xarray as xr
 
-    maps = [to_dataset(each, title) for each in found.maps]
-    return xr.concat(maps, dim=found.through, combine_attrs="override")
+    maps = [to_dataset(layer, title) for layer in stiffness_map.maps]
+    return xr.concat(maps, dim=stiffness_map.through, combine_attrs="override")

@@ -77,17 +77,21 @@ def modes(
     robot = load_robot(name, overrides)
     asked = find_poses(robot, poses, joints)
     manifest = manifest_of(robot)
-    made = assemble(robot, components, output)
+    assembled = assemble(robot, components, output)
     with name_robot(robot):
-        found = find_modes(made.mechanism, asked.configurations, count, drives=drives)
+        vibration_modes = find_modes(
+            assembled.mechanism, asked.configurations, count, drives=drives
+        )
     title = f"Natural frequencies, drives {drives}"
     emit(
         output,
-        modes_json(found),
-        lambda: show_modes(asked.names, found, title),
+        modes_json(vibration_modes),
+        lambda: show_modes(asked.names, vibration_modes, title),
         manifest=manifest,
-        fill=lambda folder: draw_modes(made, asked.names, found, folder),
-        page=lambda report: write_modes_report(report, made, asked.names, found),
+        fill=lambda folder: draw_modes(assembled, asked.names, vibration_modes, folder),
+        page=lambda report: write_modes_report(
+            report, assembled, asked.names, vibration_modes
+        ),
         kept="modes.json",
     )
 
@@ -159,16 +163,23 @@ def frf(
     read = _port(mechanism, "--to", target)
     given = _band(band)
     manifest = manifest_of(robot)
-    made = assemble(robot, components, output)
+    assembled = assemble(robot, components, output)
     if given is None:
         count = 6 + len(mechanism.drives)
-        found = frequencies(made.mechanism, asked.configurations, count, drives=drives)
-        found = np.sort(found[found > 0.0])
-        given = 0.2 * float(found[0]), 1.5 * float(found[: 6 * len(asked.names)][-1])
+        natural = frequencies(
+            assembled.mechanism, asked.configurations, count, drives=drives
+        )
+        natural = np.sort(natural[natural > 0.0])
+        given = (
+            0.2 * float(natural[0]),
+            1.5 * float(natural[: 6 * len(asked.names)][-1]),
+        )
     hertz = np.geomspace(*given, points)
     each = (asked.configurations[np.array([k])] for k in range(len(asked.names)))
     ports = partial(frequency_response, damping=damping, drives=drives)
-    curves = np.stack([ports(made.mechanism, one, shaken, read, hertz) for one in each])
+    curves = np.stack(
+        [ports(assembled.mechanism, one, shaken, read, hertz) for one in each]
+    )
     response = report.Response(
         robot.name,
         asked.names,

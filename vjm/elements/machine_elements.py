@@ -180,9 +180,9 @@ def ball_bearing(
     mirror = np.diag([-1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
     total = np.zeros((6, 6))
     for side, way in zip((-0.5, 0.5), _WAYS[arrangement], strict=True):
-        own = one.stiffness if way > 0.0 else mirror @ one.stiffness @ mirror
+        row_stiffness = one.stiffness if way > 0.0 else mirror @ one.stiffness @ mirror
         carry = shift([side * spacing, 0.0, 0.0])
-        total += carry.T @ own @ carry
+        total += carry.T @ row_stiffness @ carry
     return replace(one, stiffness=total, source=f"{_HERTZ}; two, {arrangement}")
 
 
@@ -216,11 +216,11 @@ def roller_bearing(
         turning=False,
     )
     wrench = np.concatenate([load, np.zeros(3)])
-    found = _element(
+    bearing = _element(
         contacts, wrench, 0.5 * pitch, (0, 3), f"{_LINES}, rollers in slices"
     )
-    shared = found.loads.reshape(count, _SLICES).sum(axis=1)
-    return replace(found, loads=shared, angles=found.angles[::_SLICES])
+    shared = bearing.loads.reshape(count, _SLICES).sum(axis=1)
+    return replace(bearing, loads=shared, angles=bearing.angles[::_SLICES])
 
 
 def crossed_roller(

@@ -148,12 +148,14 @@ class Contacts:
         """Return the tangent stiffness (6, 6) at a twist."""
         along, pressed, load, size = self.state(twist)
         slope = self.exponent * self.constant * pressed ** (self.exponent - 1.0)
-        own = slope[:, None, None] * along[:, :, None] * along[:, None]
+        contact_stiffness = slope[:, None, None] * along[:, :, None] * along[:, None]
         if self.turning:
             across = np.eye(3) - along[:, :, None] * along[:, None]
-            own = own + (load / size)[:, None, None] * across
-        found = np.einsum("kia,kij,kjb->ab", self.moves, own, self.moves)
-        return 0.5 * (found + found.T)
+            contact_stiffness = (
+                contact_stiffness + (load / size)[:, None, None] * across
+            )
+        total = np.einsum("kia,kij,kjb->ab", self.moves, contact_stiffness, self.moves)
+        return 0.5 * (total + total.T)
 
 
 def settle(contacts: Contacts, wrench: Array, length: float) -> Array:

@@ -104,9 +104,9 @@ class Closure:
         """Return whether a joint's drive, or all motions of one without a drive, stay as at home."""
         if self.linkage.welds(joint):
             return True
-        own = self.linkage.columns.get(joint.name, [])
-        own = own if joint.drive is None else own[joint.driven or 0 :][:1]
-        return bool(own) and set(self.held).issuperset(own)
+        columns = self.linkage.columns.get(joint.name, [])
+        columns = columns if joint.drive is None else columns[joint.driven or 0 :][:1]
+        return bool(columns) and set(self.held).issuperset(columns)
 
     def _independent_columns(self, whole: Array, unknown: list[int]) -> list[int]:
         """Choose passive columns first, then drives; sprung ones only for what these cannot do."""
@@ -255,8 +255,12 @@ class Closure:
         wrenches: list[Array] = list(repeat(np.zeros(0), len(self.rows)))
         for cut, rows in zip(self.linkage.cuts, self.rows_of, strict=True):
             if rows:
-                found = self.linkage.wrenches(cut, [row for row, _ in rows], placed)
-                for (_, i), wrench in zip(rows, found.transpose(1, 0, 2), strict=True):
+                cut_wrenches = self.linkage.wrenches(
+                    cut, [row for row, _ in rows], placed
+                )
+                for (_, i), wrench in zip(
+                    rows, cut_wrenches.transpose(1, 0, 2), strict=True
+                ):
                     wrenches[i] = wrench
         return SparseFactors(self, self._eliminate(self._entries(placed, wrenches)))
 

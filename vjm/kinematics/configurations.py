@@ -68,14 +68,14 @@ class Configurations:
         return len(self.valid)
 
     def __getitem__(
-        self, some: slice | NDArray[np.intp] | NDArray[np.bool_]
+        self, index: slice | NDArray[np.intp] | NDArray[np.bool_]
     ) -> Configurations:
-        poses = self.poses[some]
-        tool = self.tool[some]
-        valid = self.valid[some]
-        q = self.q[:, some]
-        failure = self.failure[some]
-        culprit = self.culprit[some]
+        poses = self.poses[index]
+        tool = self.tool[index]
+        valid = self.valid[index]
+        q = self.q[:, index]
+        failure = self.failure[index]
+        culprit = self.culprit[index]
         return Configurations(
             mechanism=self.mechanism,
             poses=poses,
@@ -141,8 +141,8 @@ class Configurations:
             solver = find_solver(self.mechanism, self.linkage.given)
             q = solver.start[:, None].copy()
             q[self.linkage.known] = self.q[self.linkage.known, index, None]
-            found = solver.closure.solve(q, 50, patient=True)
-            if not (np.abs(found.error[:, 0]) < CLOSED).all():
+            solution = solver.closure.solve(q, 50, patient=True)
+            if not (np.abs(solution.error[:, 0]) < CLOSED).all():
                 if (
                     len(self.linkage.cuts) == 1
                 ):  # an open chain, whose tool closes its only loop
@@ -151,7 +151,9 @@ class Configurations:
                     last = home + reach_toward(solver, self.poses[index] - home)
                     place = ", ".join(map(_place_text, names, last))
                     return f"out of reach: straight from home the tool gets no farther than {place}"
-                name = spell_name("joints", self.linkage.name_worst(found.error[:, 0]))
+                name = spell_name(
+                    "joints", self.linkage.name_worst(solution.error[:, 0])
+                )
                 return f"out of reach: the loop through {name} does not close"
         why = "no way leads there from home without passing a singular pose"
         return f"on another branch, or too close to one: {why}"
@@ -252,8 +254,8 @@ def configure_chunks(
         points = _without_welded(solver.linkage, points)
     home = mechanism.tool.home if given == "tool" else 0.0
     yield from (
-        _configurations(solver, each)
-        for each in follow_paths(solver, points - home, size)
+        _configurations(solver, path)
+        for path in follow_paths(solver, points - home, size)
     )
 
 
@@ -266,15 +268,17 @@ def learn_configurations(
     known = KnownConfigurations.sample(solver, check_poses(mechanism, poses) - home)
 
     def find(points: Array) -> Configurations:
-        found = known.solve(points - home)
-        lost = np.flatnonzero(found.failure)
+        solution = known.solve(points - home)
+        lost = np.flatnonzero(solution.failure)
         if not lost.size:
-            return _configurations(solver, found)
+            return _configurations(solver, solution)
         again = configure(mechanism, points[lost])
-        found.q[:, lost] = again.q
-        found.failure[lost] = np.where(again.failure == RANGE, REACHED, again.failure)
+        solution.q[:, lost] = again.q
+        solution.failure[lost] = np.where(
+            again.failure == RANGE, REACHED, again.failure
+        )
         return _configurations(
-            solver, replace(found, placed=solver.linkage.place_links(found.q))
+            solver, replace(solution, placed=solver.linkage.place_links(solution.q))
         )
 
     return find
@@ -341,7 +345,7 @@ def _place_text(coordinate: str, value: float) -> str:
 
 def _range_text(joint: Joint, value: float) -> str:
     ends = (joint.drive.low, joint.drive.high) if joint.drive else (-np.inf, np.inf)
-    here, low, high = (_value_text(joint, each) for each in (value, *ends))
+    here, low, high = (_value_text(joint, end) for end in (value, *ends))
     range_ = f"{low.partition(' ')[0]} to {high}"
     return f"{spell_name('joints', joint.name)}: {here} is outside its range {range_}"
 
@@ -388,25 +392,28 @@ def _configurations(solver: Solver, followed: Followed) -> Configurations:
 
 
 def limit_drives(
-    found: Configurations, mechanism: Mechanism, slack: float
+    configurations: Configurations, mechanism: Mechanism, slack: float
 ) -> Configurations:
     """Return configurations, valid within the ranges of another mechanism's drives, ± slack, rad or m."""
-    own = {key: getattr(found, key).copy() for key in ("valid", "failure", "culprit")}
-    out = replace(found, mechanism=mechanism, **own)
+    copies = {
+        key: getattr(configurations, key).copy()
+        for key in ("valid", "failure", "culprit")
+    }
+    out = replace(configurations, mechanism=mechanism, **copies)
     _refuse_beyond(out, *find_ranges(mechanism), slack)
     return out
 
 
 def _refuse_beyond(
-    found: Configurations, low: Array, high: Array, slack: float
+    configurations: Configurations, low: Array, high: Array, slack: float
 ) -> None:
-    drives = found.drives
-    failure = found.failure
+    drives = configurations.drives
+    failure = configurations.failure
     outside = ((drives < low - slack) | (drives > high + slack)) & (failure == REACHED)[
         :, None
     ]
     if outside.any():
-        some = outside.any(axis=1)
-        found.culprit[some] = outside[some].argmax(axis=1)
-        failure[some] = RANGE
-        np.equal(failure, 0, out=found.valid)
+        beyond = outside.any(axis=1)
+        configurations.culprit[beyond] = outside[beyond].argmax(axis=1)
+        failure[beyond] = RANGE
+        np.equal(failure, 0, out=configurations.valid)

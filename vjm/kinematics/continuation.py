@@ -107,15 +107,15 @@ def find_solver(mechanism: Mechanism, given: Given) -> Solver:
         start = np.zeros(linkage.size)
         displaced = dict[str, float]()
         if given == "tool" and (locked := find_locked(linkage, start)[0]):
-            found = _find_regular(mechanism, linkage)
-            if found is None:
+            regular = _find_regular(mechanism, linkage)
+            if regular is None:
                 names = ", ".join(mechanism.tool.pose[k] for k in sorted(locked))
                 expected = "coordinates that the mechanism can move in at home"
                 raise InputError(
                     f"tool.pose: expected {expected}, got {names}, held there or by the "
                     "others; [] is the one pose of what cannot move"
                 )
-            start, displaced = found
+            start, displaced = regular
         placed = linkage.place_links(start[:, None])
         closure = Closure(linkage, start)
         rates = closure.rates(placed)
@@ -189,8 +189,8 @@ def _transfer(source: Linkage, target: Linkage, followed: Followed) -> Array:
     tool = target.mechanism.tool
     for joint in target.mechanism.joints:
         if joint.name in target.columns:
-            found = source.coordinates(joint, followed.q, followed.placed)
-            q[target.columns[joint.name]] = found[0]
+            coordinates = source.coordinates(joint, followed.q, followed.placed)
+            q[target.columns[joint.name]] = coordinates[0]
     frame = source.frame[source.link_of[tool.body]]
     moved = followed.placed.point(frame, tool.at)[:, 0] - tool.at
     turned = rotation_vector(followed.placed.rotation[frame].transpose(2, 0, 1))[0]
@@ -306,12 +306,12 @@ class KnownConfigurations:
         home = (np.abs(values) < _SAME * self.unit).all(axis=1) & bool(solver.displaced)
         q, first = self._start(values)
         q[linkage.known] = values.T
-        found = solver.closure.solve(q, first=first)
-        q = found.q
-        done = found.closed.copy()
-        placed = found.placed
+        solution = solver.closure.solve(q, first=first)
+        q = solution.q
+        done = solution.closed.copy()
+        placed = solution.placed
         factors = (
-            None if self.predict is None and n > 1 else found.factors
+            None if self.predict is None and n > 1 else solution.factors
         )  # not stragglers'
         if (
             home.any()
@@ -357,11 +357,11 @@ class KnownConfigurations:
         return solver.start[:, None] + step + 0.5 * bent, size
 
     def _keep(
-        self, values: Array, q: Array, some: NDArray[np.intp] | NDArray[np.bool_]
+        self, values: Array, q: Array, index: NDArray[np.intp] | NDArray[np.bool_]
     ) -> None:
         """Remember some of values (n, k) and coordinates (m, n): those that were reached."""
-        self.values = np.concatenate([self.values, values[some]])
-        self.q = np.concatenate([self.q, q[:, some]], axis=1)
+        self.values = np.concatenate([self.values, values[index]])
+        self.q = np.concatenate([self.q, q[:, index]], axis=1)
 
     def _find_crossed(
         self, placed: Placed, factors: Factors | None = None
@@ -399,16 +399,16 @@ class KnownConfigurations:
         values: Array,
         q: Array,
         done: NDArray[np.bool_],
-        some: NDArray[np.intp],
+        index: NDArray[np.intp],
         start: NDArray[np.intp],
         shortest: float,
         first: float = 1.0,
     ) -> bool:
         """Walk to some values from reached ones; return whether any new one was reached."""
-        if not some.size:
+        if not index.size:
             return False
-        reached, at = self._walk(start, values[some], shortest, first=first)
-        there = some[reached]
+        reached, at = self._walk(start, values[index], shortest, first=first)
+        there = index[reached]
         q[:, there] = at[:, reached]
         done[there] = True
         self._keep(values, q, there)
@@ -427,22 +427,22 @@ class KnownConfigurations:
         closure = self.solver.closure
         start = self.values[origin]
         q = self.q[:, origin]
-        some = np.arange(len(origin))
-        way = np.zeros(len(some))
-        step = np.full(len(some), min(first, longest))
-        while some.size:
-            ahead = np.minimum(way[some] + step[some], 1.0)
-            trial = q[:, some]
+        going = np.arange(len(origin))
+        way = np.zeros(len(going))
+        step = np.full(len(going), min(first, longest))
+        while going.size:
+            ahead = np.minimum(way[going] + step[going], 1.0)
+            trial = q[:, going]
             trial[linkage.known] = (
-                start[some] + ahead[:, None] * (end[some] - start[some])
+                start[going] + ahead[:, None] * (end[going] - start[going])
             ).T
-            found = closure.solve(trial)
-            good = found.closed
-            q[:, some[good]], way[some[good]] = found.q[:, good], ahead[good]
-            step[some] = np.where(
-                good, np.minimum(2.0 * step[some], longest), 0.5 * step[some]
+            solution = closure.solve(trial)
+            good = solution.closed
+            q[:, going[good]], way[going[good]] = solution.q[:, good], ahead[good]
+            step[going] = np.where(
+                good, np.minimum(2.0 * step[going], longest), 0.5 * step[going]
             )
-            some = some[(way[some] < 1.0) & (step[some] >= shortest)]
+            going = going[(way[going] < 1.0) & (step[going] >= shortest)]
         return way >= 1.0, q
 
     def fit(self) -> None:
@@ -471,8 +471,10 @@ class KnownConfigurations:
 
         table = features(self.values)
         train = np.arange(count) % 4 > 0
-        found = lstsq(table[train], self.q.T[train], cond=1e-12, lapack_driver="gelsy")
-        solution = np.asarray(found[0])  # pyright: ignore[reportOptionalSubscript]
+        coefficients = lstsq(
+            table[train], self.q.T[train], cond=1e-12, lapack_driver="gelsy"
+        )
+        solution = np.asarray(coefficients[0])  # pyright: ignore[reportOptionalSubscript]
         off = (
             np.abs(table[~train] @ solution - self.q.T[~train])
             / self.solver.linkage.scale

@@ -53,13 +53,13 @@ class Labelled(ABC):
 
 
 def make_dataset(
-    found: Configurations, variables: Variables, **names: Sequence[Any]
+    configurations: Configurations, variables: Variables, **names: Sequence[Any]
 ) -> xr.Dataset:
     """Return results at configurations as a dataset.
 
     Parameters
     ----------
-    found
+    configurations
         Configurations at the n poses.
     variables
         Dimensions, values and unit of each variable.
@@ -68,11 +68,11 @@ def make_dataset(
     """
     import xarray as xr
 
-    pose = found.mechanism.tool.pose
+    pose = configurations.mechanism.tool.pose
     places = {
         name: (
             POSE,
-            found.poses[:, k],
+            configurations.poses[:, k],
             {"units": "rad" if name.startswith("r") else "m"},
         )
         for k, name in enumerate(pose)

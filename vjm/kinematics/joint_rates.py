@@ -86,19 +86,19 @@ class JointRates:
         """Return the bodies of a loop, in order."""
         return tuple(self.edges[k][0 if sign > 0.0 else 1] for k, sign in loop)
 
-    def names(self, some: Iterable[int]) -> tuple[str, ...]:
+    def names(self, indices: Iterable[int]) -> tuple[str, ...]:
         """Return names of joints."""
-        return tuple(self.joints[k].name for k in some)
+        return tuple(self.joints[k].name for k in indices)
 
 
 def _place_node(
-    found: Configurations | None, index: int, node: str
+    configurations: Configurations | None, index: int, node: str
 ) -> tuple[Array, Array]:
     """Return a node's displacement from home, ``x = R x_home + p``."""
-    if found is None:
+    if configurations is None:
         return np.eye(3), np.zeros(3)
-    rotation, position = found.link_frame(
-        found.linkage.frame[found.linkage.link_of[node]]
+    rotation, position = configurations.link_frame(
+        configurations.linkage.frame[configurations.linkage.link_of[node]]
     )
     return rotation[index if len(rotation) > 1 else 0], position[
         index if len(position) > 1 else 0
@@ -121,26 +121,26 @@ def _close_loops(edges: Edges, paths: dict[str, Way], chords: list[int]) -> list
     out: list[Way] = []
     left = list(chords)
     while left:
-        found: dict[int, Way] = {}
+        motions: dict[int, Way] = {}
         for k in left:
             first, second = edges[k]
-            found[k] = [
+            motions[k] = [
                 (k, 1.0),
                 *_find_paths(edges, sorted(open_edges), second)[first],
             ]
-        best = min(left, key=lambda k: len(found[k]))
-        out.append(found[best])
+        best = min(left, key=lambda k: len(motions[k]))
+        out.append(motions[best])
         open_edges.add(best)
         left.remove(best)
     return out
 
 
-def _find_paths(edges: Edges, some: Sequence[int], start: str) -> dict[str, Way]:
+def _find_paths(edges: Edges, nodes: Sequence[int], start: str) -> dict[str, Way]:
     """Return breadth-first paths along some edges from a body to all others."""
     ways: dict[str, Way] = {start: []}
     queue = [start]
     for here in queue:
-        for k in some:
+        for k in nodes:
             first, second = edges[k]
             there = second if here == first else first if here == second else None
             if there is not None and there not in ways:

@@ -269,9 +269,9 @@ class Linkage:
             out[count] = -(axes[:, 2] * image).sum(axis=0)
             out[count + 1] = (axes[:, 1] * image).sum(axis=0)
         elif turns:
-            theirs = np.matmul(joint.axes.T, second)
+            second_axes = np.matmul(joint.axes.T, second)
             for row, (i, j) in enumerate(((1, 2), (2, 0), (0, 1)), count):
-                twice = axes[:, j] * theirs[:, i] - axes[:, i] * theirs[:, j]
+                twice = axes[:, j] * second_axes[:, i] - axes[:, i] * second_axes[:, j]
                 out[row] = 0.5 * twice.sum(axis=0)
 
     def wrenches(self, cut: Cut, rows: Sequence[int], placed: Placed) -> Array:
@@ -317,10 +317,10 @@ class Linkage:
         to_first = placed.rotation[first].transpose(2, 1, 0)
         across = to_first @ placed.rotation[second].transpose(2, 0, 1)
         gap = (placed.point(second, joint.at) - placed.point(first, joint.at)).T
-        found = find_free_coordinates(
+        free_values = find_free_coordinates(
             joint, across, (to_first @ gap[..., None])[..., 0]
         )
-        return np.broadcast_to(found, (q.shape[1], found.shape[-1]))
+        return np.broadcast_to(free_values, (q.shape[1], free_values.shape[-1]))
 
 
 def _cross(a: Array, b: Array, out: Array) -> None:
@@ -347,8 +347,8 @@ def find_free_coordinates(joint: Joint, across: Array, gap: Array) -> Array:
         return np.stack([first_angle, second_angle], axis=-1)
     angle = np.arctan2((across @ y) @ z, (across @ y) @ y)
     along = (gap @ x, gap @ y, gap @ z, angle)
-    found = [along[k] for k in joint.type.free]
-    return np.stack(np.broadcast_arrays(*found), axis=-1)
+    values = [along[k] for k in joint.type.free]
+    return np.stack(np.broadcast_arrays(*values), axis=-1)
 
 
 def _find_links(mechanism: Mechanism) -> tuple[dict[str, int], int]:

@@ -298,12 +298,14 @@ def _redundancies(
 def _redundancy(rates: JointRates, group: Sequence[int], wrenches: Array) -> Redundancy:
     loops = [rates.loops[k] for k in group]
     names = rates.names(dict.fromkeys(j for loop in loops for j, _ in loop))
-    own = (
+    equation_wrenches = (
         wrenches[6 * group[0] : 6 * group[0] + 6]
         if len(group) == 1
         else np.zeros((6, 0))
     )
-    directions = tuple(name_directions(own, "translation", "rotation", rates.length))
+    directions = tuple(
+        name_directions(equation_wrenches, "translation", "rotation", rates.length)
+    )
     bodies = tuple(dict.fromkeys(name for loop in loops for name in rates.bodies(loop)))
     if len(loops) > 1:
         bodies = _shorten_names(bodies, [b.name for b in rates.mechanism.bodies])
@@ -331,10 +333,10 @@ def _idle(rates: JointRates, idle: Array) -> tuple[Idle, ...]:
     """Split idle motions (m, k) into independent ones, which share no joint."""
     out: list[Idle] = []
     for group, count in find_blocks(idle, np.diff(rates.starts).astype(int).tolist()):
-        own = np.zeros_like(idle)
+        separate = np.zeros_like(idle)
         for j in group:
-            own[rates.columns(j)] = idle[rates.columns(j)]
-        motion = range_space(own)
+            separate[rates.columns(j)] = idle[rates.columns(j)]
+        motion = range_space(separate)
         twists = {
             b.name: rates.of_body(b.name) @ motion for b in rates.mechanism.bodies
         }

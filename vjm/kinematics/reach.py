@@ -57,7 +57,7 @@ def reach(mechanism: Mechanism) -> tuple[Reach, ...]:
     ends = zip(
         names, low.tolist(), high.tolist(), reasons, reasons[len(names) :], strict=False
     )
-    return tuple(Reach(*each) for each in ends)
+    return tuple(Reach(*end) for end in ends)
 
 
 def reach_toward(solver: Solver, goal: Array) -> Array:
@@ -80,12 +80,12 @@ def _march(solver: Solver, ways: Array) -> tuple[Array, list[str]]:
         ahead = np.minimum(share[going] + step[going], 1.0)
         trial = q[:, going]
         trial[linkage.known] = (solver.start_values + ahead[:, None] * ways[going]).T
-        found = solver.closure.solve(trial)
-        faults = _faults(solver, found)
+        solution = solver.closure.solve(trial)
+        faults = _faults(solver, solution)
         for i, k in enumerate(going):
             if not faults[i]:
                 steady[k] = steady[k] + 1
-                q[:, k] = found.q[:, i]
+                q[:, k] = solution.q[:, i]
                 share[k] = ahead[i]
                 longer = 2.0 * step[k] if steady[k] > 2 else step[k]
                 step[k] = min(_LONGEST, longer, 0.5 * (beyond[k] - share[k]))
@@ -93,25 +93,25 @@ def _march(solver: Solver, ways: Array) -> tuple[Array, list[str]]:
             reasons[k] = faults[i]
             steady[k] = 0
             step[k] *= 0.5
-            if found.closed[i]:
+            if solution.closed[i]:
                 beyond[k] = ahead[i]
     return share, [
         why if part < 1.0 else "" for why, part in zip(reasons, share, strict=True)
     ]
 
 
-def _faults(solver: Solver, found: Solution) -> list[str]:
+def _faults(solver: Solver, solution: Solution) -> list[str]:
     """Return why configurations are not valid; empty if they are."""
     linkage = solver.linkage
-    sign = drive_sign(solver, found.placed, solver.closure.rates(found.placed))
+    sign = drive_sign(solver, solution.placed, solver.closure.rates(solution.placed))
     out = [
-        "passes a singular pose" if each * solver.home_sign < 0.0 else ""
-        for each in sign
+        "passes a singular pose" if direction * solver.home_sign < 0.0 else ""
+        for direction in sign
     ]
     beyond: dict[int, list[str]] = {}
     for joint in solver.mechanism.drives:
         if joint.drive is not None:
-            value = linkage.coordinates(joint, found.q, found.placed)[
+            value = linkage.coordinates(joint, solution.q, solution.placed)[
                 :, joint.driven or 0
             ]
             for i in np.flatnonzero(
@@ -122,9 +122,7 @@ def _faults(solver: Solver, found: Solution) -> list[str]:
         out[i] = (
             f"{list_names(names)} at the end of {'its' if len(names) == 1 else 'their'} range"
         )
-    for i in np.flatnonzero(~found.closed):
-        open_ = (
-            f": the loop through {linkage.name_worst(found.error[:, i])} does not close"
-        )
+    for i in np.flatnonzero(~solution.closed):
+        open_ = f": the loop through {linkage.name_worst(solution.error[:, i])} does not close"
         out[i] = "out of reach or singular" + open_ * (len(linkage.cuts) > 1)
     return out

@@ -110,15 +110,15 @@ class Stiff:
                 )
         return hold, strains
 
-    def recover(self, kept: tuple[ChainLoads, Array], out: Response) -> None:
+    def recover(self, factors: tuple[ChainLoads, Array], out: Response) -> None:
         """Recover its members and inner nodes from its ends."""
-        along, preload = kept
+        along, preload = factors
         span = out.nodes[self.connection.end] - out.nodes[self.connection.start]
         along.follow(out, self.stiffness @ span + preload, span, None, self.fit)
 
-    def stresses(self, kept: tuple[ChainLoads, Array]) -> Iterator[Array]:
+    def stresses(self, factors: tuple[ChainLoads, Array]) -> Iterator[Array]:
         """Yield strains (n, k, c) with its ends fixed, whose squares are twice the energy."""
-        along, preload = kept
+        along, preload = factors
         for (e, _), carried in zip(self.connection.members, along.carried, strict=True):
             factor = self.where.columns(e)[0]
             if any(along.laden) and factor.shape[2]:
@@ -198,10 +198,10 @@ class Folded:
             _refuse(names)
 
     def recover(
-        self, kept: tuple[ChainLoads | None, Array, Array] | None, out: Response
+        self, factors: tuple[ChainLoads | None, Array, Array] | None, out: Response
     ) -> None:
         """Recover the node, and its connection, from its neighbours."""
-        along, y, wrench = kept or (None, np.zeros((1, 1, 1)), np.zeros((1, 6, 1)))
+        along, y, wrench = factors or (None, np.zeros((1, 1, 1)), np.zeros((1, 6, 1)))
         start = out.nodes[self.start]
         for c, reach in self.reach.items():
             y = y + reach @ (out.nodes[c] if along is None else out.nodes[c] - start)
@@ -217,11 +217,11 @@ class Folded:
         along.follow(out, wrench, span, moved[:, count:])
 
     def stresses(
-        self, kept: tuple[ChainLoads | None, Array, Array] | None
+        self, factors: tuple[ChainLoads | None, Array, Array] | None
     ) -> Iterator[Array]:
         """Yield numbers (n, k, c) whose squares are twice the energy with its neighbours fixed."""
-        if kept is not None:
-            yield kept[1]
+        if factors is not None:
+            yield factors[1]
 
 
 @dataclass(eq=False)
@@ -297,7 +297,7 @@ def _carry_constants(order: Order, where: Places) -> Iterator[Stiffened]:
     connections = [c for c, _ in order.constant]
     turned = [where.rotation[c.anchor] for c in connections]
     moved = [where.position[c.anchor] for c in connections]
-    if not turned or n > FEW or any(len(each) != n for each in (*turned, *moved)):
+    if not turned or n > FEW or any(len(wrench) != n for wrench in (*turned, *moved)):
         for c, constant in order.constant:
             back = c.frame(where).inverse_adjoint()
             yield c, back.mT @ constant @ back
@@ -370,12 +370,12 @@ def _fold(state: Condensed, step: Fold) -> Folded:
     columns = None
     start = None
     around = {c: state.pair(step.node, c) for c in step.neighbours}
-    core = own = sum(around.values(), np.zeros((1, 6, 6)))
+    core = direct = sum(around.values(), np.zeros((1, 6, 6)))
     if connection is not None:
         start = connection.start
         factor, free = connection.flexible(state.where)
         columns = stack_columns([factor, free])
-        core = columns.mT @ own @ columns
+        core = columns.mT @ direct @ columns
         np.einsum("nii->ni", core)[:, : factor.shape[2]] += 1.0  # unit springs
     half = half_inverse(core)
     pull = half if columns is None else half @ columns.mT  # (n, m, 6)
@@ -398,7 +398,7 @@ def _fold(state: Condensed, step: Fold) -> Folded:
         core=core,
         half=half,
         around=around,
-        own=own,
+        own=direct,
         reach=reach,
     )
 

@@ -321,7 +321,7 @@ def _body(name: str, nodes: tuple[str, ...], elastic: Elastic) -> Iterator[Eleme
     factor = _factor(elastic.compliance)
     several = len(nodes) > 2
     for k, (node, at) in enumerate(zip(nodes[1:], elastic.places[1:], strict=True)):
-        own = slice(6 * k, 6 * k + 6)
+        rows = slice(6 * k, 6 * k + 6)
         yield Element(
             node if several else name,
             nodes[0],
@@ -329,8 +329,8 @@ def _body(name: str, nodes: tuple[str, ...], elastic: Elastic) -> Iterator[Eleme
             elastic.axes,
             at,
             nodes[0],
-            factor[own],
-            offset=None if elastic.offset is None else elastic.offset[own],
+            factor[rows],
+            offset=None if elastic.offset is None else elastic.offset[rows],
             group=name if several and factor.shape[1] else "",
         )
 
@@ -352,7 +352,7 @@ def _joint(joint: Joint, first: str, second: str) -> Element:
         elif joint.type.driven is not None:
             compliance += np.outer(screw, screw) / joint.resistance
         else:
-            sprung += [each / np.sqrt(joint.resistance) for each in screws]
+            sprung += [column / np.sqrt(joint.resistance) for column in screws]
     factor = np.hstack([_factor(compliance), _columns(sprung)])
     # a rail that slides through a bearing guides it along its own axes
     is_rail = joint.is_on_first and joint.type.is_steady

@@ -139,8 +139,10 @@ class Order:
     def moving(self) -> list[Element]:
         """Elements of all connections but those with constant stiffness."""
         steps = [s if isinstance(s, Connection) else s.connection for s in self.steps]
-        some = [c for c in (*steps, *self.left) if c is not None and c.constant is None]
-        return [e for c in some for e, _ in c.members]
+        members = [
+            c for c in (*steps, *self.left) if c is not None and c.constant is None
+        ]
+        return [e for c in members for e, _ in c.members]
 
     @cached_property
     def unstiffened_order(self) -> Order:
@@ -208,9 +210,15 @@ class _Planner:
                 break
         steps = tuple(self.steps)
         left = tuple(self.flexible)
-        kept = tuple(self.nodes)
+        remaining = tuple(self.nodes)
         return Order(
-            self.mechanism, self.elements, self.length, steps, left, kept, self.linkage
+            self.mechanism,
+            self.elements,
+            self.length,
+            steps,
+            left,
+            remaining,
+            self.linkage,
         )
 
     def _find_connections(self, node: str) -> list[Connection]:
@@ -286,8 +294,8 @@ class _Planner:
             moves_with(e, self.links[c.anchor], self.links) for e, _ in c.members
         ):
             frame = c.frame(self.home)
-            own = self.links[c.anchor]
-            apart = [e for e, _ in c.members if self.links[e.carrier] != own]
+            anchor_link = self.links[c.anchor]
+            apart = [e for e, _ in c.members if self.links[e.carrier] != anchor_link]
             still = all(
                 e.joint and e.joint.type.driven is not None and not e.factor.size
                 for e in apart

@@ -120,20 +120,20 @@ def solve_saddle(
         use = "held"
         right = right[:, 6:] - matrix[:, 6:, _TOOL] @ tool
         matrix = matrix[:, 6:, 6:]
-    found, good = _solve(state, matrix, right, use, load.loads.balanced)
+    solution, good = _solve(state, matrix, right, use, load.loads.balanced)
     if not good:
         raise InputError(_LOOSE[use])
     if tool is not None:
-        found = stack_rows([tool, found])
+        solution = stack_rows([tool, solution])
     out = Response(
-        state.where, {node: found[:, place] for node, place in system.nodes.items()}
+        state.where, {node: solution[:, place] for node, place in system.nodes.items()}
     )
-    out.nodes[GROUND] = np.zeros((1, 6, found.shape[2]))
+    out.nodes[GROUND] = np.zeros((1, 6, solution.shape[2]))
     for along, tie in zip(chains, system.ties, strict=True):
         span = out.nodes[along.connection.end] - out.nodes[along.connection.start]
         (e, sign) = along.connection.members[0]
-        wrench = found[:, tie.w]
-        y = found[:, tie.y]
+        wrench = solution[:, tie.w]
+        y = solution[:, tie.y]
         if e.group:  # its own wrench alone does not tell how it strains
             state_of = (
                 sign * wrench,
@@ -210,14 +210,14 @@ def _solve(
     size = np.maximum(np.abs(b).max(axis=(1, 2)), 1e-300)
     bad = ~(np.abs(m @ out - b).max(axis=(1, 2)) <= _CONSISTENT * size)
     if bad.any():
-        some = np.broadcast_to(m, (n, *m.shape[1:]))[bad]
+        singular = np.broadcast_to(m, (n, *m.shape[1:]))[bad]
         rest = np.broadcast_to(b, (n, *b.shape[1:]))[bad]
-        values, vectors = np.linalg.eigh(some)
-        kept = np.abs(values) > _RANK * np.abs(values).max(axis=1, keepdims=True)
+        values, vectors = np.linalg.eigh(singular)
+        significant = np.abs(values) > _RANK * np.abs(values).max(axis=1, keepdims=True)
         turned = vectors.mT @ rest
-        inverted = np.where(kept, 1.0 / np.where(kept, values, 1.0), 0.0)
+        inverted = np.where(significant, 1.0 / np.where(significant, values, 1.0), 0.0)
         out[bad] = vectors @ (inverted[..., None] * turned)
-        left = np.abs(some @ out[bad] - rest).max(axis=(1, 2))
+        left = np.abs(singular @ out[bad] - rest).max(axis=(1, 2))
         if not (left <= balanced * np.broadcast_to(size, n)[bad]).all():
             return out, False
     return out * scale[:, None], True

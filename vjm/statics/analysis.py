@@ -107,14 +107,14 @@ class Stiffness(Labelled):
         """Stiffness 1/C_ii (n, 6) of each direction with all others free: a push; NaN if rigid."""
         soft = np.einsum("nii->ni", self.compliance)
         out = 1.0 / np.where(soft > 0.0, soft, np.nan)
-        counts = np.array([len(each) for each in self.rigid], dtype=int)
+        counts = np.array([len(wrenches) for wrenches in self.rigid], dtype=int)
         for count in set(counts.tolist()) - {0}:
-            some = np.flatnonzero(counts == count)
-            rigid = np.array([self.rigid[k] for k in some])
+            rows = np.flatnonzero(counts == count)
+            rigid = np.array([self.rigid[k] for k in rows])
             within = np.square(np.linalg.qr(rigid.mT)[0]).sum(
                 axis=2
             )  # of each unit wrench
-            out[some] = np.where(within < 1.0 - _ROUNDING, out[some], np.nan)
+            out[rows] = np.where(within < 1.0 - _ROUNDING, out[rows], np.nan)
         return out
 
     @property
@@ -124,14 +124,14 @@ class Stiffness(Labelled):
         None where the compliance is unknown, as the tool moves freely.
         """
         known = np.asarray(np.isfinite(self.compliance).all(axis=(1, 2)))
-        found = nearly_rigid(self.alone, self.configurations.linkage.length)
-        return found & known[:, None]
+        rigid_directions = nearly_rigid(self.alone, self.configurations.linkage.length)
+        return rigid_directions & known[:, None]
 
     @property
     def finite(self) -> Array:
         """Stiffness (n, 6, 6); if infinite, 1/C_ii: each direction with all others free."""
         out = self.matrix.copy()
-        stuck = np.flatnonzero([len(each) for each in self.rigid])
+        stuck = np.flatnonzero([len(wrenches) for wrenches in self.rigid])
         alone = self.alone[stuck]
         out[stuck] = np.where(np.eye(6, dtype=bool), alone[:, None], np.nan)
         return out
@@ -236,8 +236,8 @@ def batches(
     """
     points = check_poses(mechanism, poses)
     for start in range(0, len(points), size):
-        some = slice(start, start + size)
-        yield some, stiffness(mechanism, points[some], gravity=gravity)
+        rows = slice(start, start + size)
+        yield rows, stiffness(mechanism, points[rows], gravity=gravity)
 
 
 def sag(mechanism: Mechanism, poses: Poses) -> Array:
@@ -299,15 +299,15 @@ def analyse(
     np.float64(11.05)
     """
     check_word("gravity", gravity, get_args(Gravity))
-    found = configure(mechanism, poses)
-    both = map_chunks(mechanism, found, (6, 13), _find_unloaded, gravity)
+    configurations = configure(mechanism, poses)
+    both = map_chunks(mechanism, configurations, (6, 13), _find_unloaded, gravity)
     matrix = both[..., :6]
     yielding, free, inverse_condition = _complete_compliance(matrix, both[..., 6:12])
     stuck = np.asarray(~np.isfinite(matrix).all(axis=(1, 2)))
     plain = yielding
-    sagged = np.zeros((len(found), 6))
+    sagged = np.zeros((len(configurations), 6))
     if gravity != "none":
-        loaded = _analyse_weight(mechanism, found, matrix, yielding)
+        loaded = _analyse_weight(mechanism, configurations, matrix, yielding)
         sagged = loaded[..., 12]
         still = np.isnan(loaded[:, :1, 12:])
         matrix = np.where(still, matrix, loaded[..., :6])
@@ -316,19 +316,21 @@ def analyse(
         plain = np.where(
             stuck[:, None, None], plain, yielding
         )  # weight bends what is rigid, little
-    stuck = found.valid & (stuck | ~np.isfinite(matrix).all(axis=(1, 2)))
+    stuck = configurations.valid & (stuck | ~np.isfinite(matrix).all(axis=(1, 2)))
     matrix[stuck] = np.nan
     free[stuck] = 0
     inverse_condition[stuck] = 0.0
-    rigid: list[Array] = list(repeat(np.zeros((0, 6)), len(found)))
-    length = found.linkage.length
-    own = own_compliance(mechanism, length)
+    rigid: list[Array] = list(repeat(np.zeros((0, 6)), len(configurations)))
+    length = configurations.linkage.length
+    element_compliance = own_compliance(mechanism, length)
     for k, wrenches in zip(
-        np.flatnonzero(stuck), rigid_wrenches(plain[stuck], length, own), strict=True
+        np.flatnonzero(stuck),
+        rigid_wrenches(plain[stuck], length, element_compliance),
+        strict=True,
     ):
         rigid[k] = wrenches
     return Stiffness(
-        found, matrix, sagged, free, inverse_condition, yielding, tuple(rigid)
+        configurations, matrix, sagged, free, inverse_condition, yielding, tuple(rigid)
     )
 
 
@@ -346,7 +348,10 @@ def _complete_compliance(
 
 
 def _analyse_weight(
-    mechanism: Mechanism, found: Configurations, unloaded: Array, yielding: Array
+    mechanism: Mechanism,
+    configurations: Configurations,
+    unloaded: Array,
+    yielding: Array,
 ) -> Array:
     """Return stiffness, compliance and sag (n, 6, 13) under weights, if they are known without.
 
@@ -358,11 +363,11 @@ def _analyse_weight(
         find_laws(mechanism)
     )  # weights may hold motions that are free without them
     firm = np.flatnonzero(
-        found.valid & (loose | np.isfinite(yielding).all(axis=(1, 2)))
+        configurations.valid & (loose | np.isfinite(yielding).all(axis=(1, 2)))
     )
-    both = map_chunks(mechanism, found[firm], (6, 13), _find_matrices, "exact")
+    both = map_chunks(mechanism, configurations[firm], (6, 13), _find_matrices, "exact")
     size = np.ones((len(firm), 6))
-    size[:, :3] = found.linkage.length
+    size[:, :3] = configurations.linkage.length
     known = np.isfinite(unloaded[firm]).all(axis=(1, 2)) & (not loose)
     size[known, :3] = characteristic_length(unloaded[firm[known]])[:, None]
     small = (np.abs(both[..., 12]) < _FAR * size).all(axis=1) & ~np.isnan(
@@ -423,9 +428,9 @@ def _find_stiffness(order: Order, where: Places, gravity: Gravity) -> Array:
     """Return the stiffness (n, 6, 6)."""
     if gravity != "none":
         return _at_weight(order, where, loaded_stiffness, 7)[..., :6]
-    found = tool_stiffness(condense_network(order, where))
-    if not is_ill_conditioned(found, order.length).any():
-        return found
+    tool_matrices = tool_stiffness(condense_network(order, where))
+    if not is_ill_conditioned(tool_matrices, order.length).any():
+        return tool_matrices
     return _find_matrices(order, where, gravity)[..., :6]
 
 
@@ -447,28 +452,30 @@ def _find_matrices(order: Order, where: Places, gravity: Gravity) -> Array:
     loaded = gravity == "exact"
     still = np.zeros((1, 6, 1))
     try:
-        found = (
+        matrices = (
             loaded_stiffness(order, where)
             if loaded
             else tool_stiffness(condense_network(order, where))
         )
     except InfiniteStiffnessError:
         return _invert_compliance(order, where, gravity)
-    out = stack_columns([found[..., :6], _UNKNOWN, found[..., 6:] if loaded else still])
+    out = stack_columns(
+        [matrices[..., :6], _UNKNOWN, matrices[..., 6:] if loaded else still]
+    )
     known = np.isfinite(out[..., :6]).all(axis=(1, 2))
     doubtful = np.zeros(len(out), dtype=bool)
     doubtful[known] = is_ill_conditioned(out[known, :, :6], order.length)
     if not doubtful.any():
         return out
     out = np.array(np.broadcast_to(out, (len(where.tool), 6, 13)))
-    some = np.flatnonzero(np.broadcast_to(doubtful, len(out)))
-    single = some if len(some) <= _SINGLY else some[:0]
-    for part in (some, *([k] for k in single)):  # all at once, else one by one
+    doubted = np.flatnonzero(np.broadcast_to(doubtful, len(out)))
+    single = doubted if len(doubted) <= _SINGLY else doubted[:0]
+    for part in (doubted, *([k] for k in single)):  # all at once, else one by one
         try:
             out[part] = _invert_compliance(order, where.some(np.array(part)), gravity)
         except InputError:  # its tool moves freely: the stiffness is right
             continue
-        if part is some:
+        if part is doubted:
             break
     return out
 
@@ -476,19 +483,19 @@ def _find_matrices(order: Order, where: Places, gravity: Gravity) -> Array:
 def _invert_compliance(order: Order, where: Places, gravity: Gravity) -> Array:
     """Return compliances, their inverses and sag as ``_find_matrices``; NaN where rigid."""
     if gravity == "exact":
-        found = loaded_compliance(order, where)
+        tool_compliance = loaded_compliance(order, where)
     else:
         loads = Loads(6, {END: np.eye(6)[None]}, balanced=_BALANCED)
         unit = solve_unstiffened(order, where, loads).twist
-        found = stack_columns([0.5 * (unit + unit.mT), np.zeros((1, 6, 1))])
-    matrix = np.full((len(found), 6, 6), np.nan)
-    yielding = found[..., :6]
+        tool_compliance = stack_columns([0.5 * (unit + unit.mT), np.zeros((1, 6, 1))])
+    matrix = np.full((len(tool_compliance), 6, 6), np.nan)
+    yielding = tool_compliance[..., :6]
     known = np.flatnonzero(np.isfinite(yielding).all(axis=(1, 2)))
-    own = own_compliance(order.mechanism, order.length)
-    rigid = rigid_wrenches(yielding[known], order.length, own)
-    firm = known[[not len(each) for each in rigid]]
+    element_compliance = own_compliance(order.mechanism, order.length)
+    rigid = rigid_wrenches(yielding[known], order.length, element_compliance)
+    firm = known[[not len(wrenches) for wrenches in rigid]]
     matrix[firm] = _invert_scaled(yielding[firm])
-    return np.concatenate([matrix, found], axis=2)
+    return np.concatenate([matrix, tool_compliance], axis=2)
 
 
 def _invert_scaled(matrices: Array) -> Array:
@@ -529,12 +536,12 @@ def map_chunks(
         chunks = configure_chunks(mechanism, points)
     out = np.full((n, *entries), np.nan)
     at = 0
-    for found in chunks:
-        some = slice(at, at + len(found))
-        at += len(found)
-        good = found if found.valid.all() else found[found.valid]
+    for chunk in chunks:
+        rows = slice(at, at + len(chunk))
+        at += len(chunk)
+        good = chunk if chunk.valid.all() else chunk[chunk.valid]
         if len(good):
             order = find_order(mechanism, good.linkage)
             where = place_nodes(good)
-            out[some][found.valid] = work(order, where, *more)
+            out[rows][chunk.valid] = work(order, where, *more)
     return out

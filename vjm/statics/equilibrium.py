@@ -178,26 +178,26 @@ def map_segments(
         Function of a linear order and the places of some poses.
     """
     laws = find_laws(order.mechanism)
-    found = find_equilibrium(order, where, loads)
+    equilibrium = find_equilibrium(order, where, loads)
     n = len(where.tool)
     out = np.full((n, *entries, loads.cases), np.nan)
     for case in range(loads.cases):
         segments = np.zeros((n, len(laws)), dtype=np.intp)
         for k, (name, law) in enumerate(laws.items()):
             segments[:, k] = law.segment(
-                np.broadcast_to(_deflection(found, name)[:, case], n)
+                np.broadcast_to(_deflection(equilibrium, name)[:, case], n)
             )
         rows, which = np.unique(segments, axis=0, return_inverse=True)
         for k, row in enumerate(rows.tolist()):
-            some = np.flatnonzero(which.ravel() == k)
+            members = np.flatnonzero(which.ravel() == k)
             linear = find_order(linearize(order.mechanism, row), order.linkage)
             with suppress(InputError):
-                out[some, ..., case] = work(linear, where.some(some))
+                out[members, ..., case] = work(linear, where.some(members))
     return out
 
 
-def _deflection(found: Response, name: str) -> Array:
-    deflection = found.elements[name].deflection
+def _deflection(response: Response, name: str) -> Array:
+    deflection = response.elements[name].deflection
     return np.zeros((1, 1)) if deflection is None else deflection
 
 

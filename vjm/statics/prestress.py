@@ -332,10 +332,12 @@ class Motion:
             e = state.element
             if e.is_split:
                 factor = state.where.factor(e)
-                own = e.factor.shape[1] - e.sprung
+                free_count = e.factor.shape[1] - e.sprung
                 stress = factor.mT @ state.wrench
-                strained = factor[:, 3:, :own] @ stress[:, :own]
-                out.turns[name] = stack_rows([strained, stress[:, own:], state.rates])
+                strained = factor[:, 3:, :free_count] @ stress[:, :free_count]
+                out.turns[name] = stack_rows(
+                    [strained, stress[:, free_count:], state.rates]
+                )
         return out
 
     @property
@@ -460,10 +462,10 @@ def order_rotations(state: ElementState) -> tuple[Array, Array]:
 def list_axes(state: ElementState) -> Array:
     """Return axes (n or 1, k, 3) of a joint's ordered rotations: its spring's, then its own."""
     e = state.element
-    own = [np.eye(3)[None]] if e.factor.shape[1] > e.sprung else []
+    axes = [np.eye(3)[None]] if e.factor.shape[1] > e.sprung else []
     sprung = [state.where.factor(e)[:, 3:, -e.sprung :].mT] if e.sprung else []
     free = [free_directions(e, state.where)[:, 3:].mT] if e.free.shape[1] else []
-    return stack_rows([*own, *sprung, *free])
+    return stack_rows([*axes, *sprung, *free])
 
 
 def lever_work(force: Array, lever: Array) -> Array:

@@ -94,7 +94,7 @@ def is_ill_conditioned(matrix: Array, length: float) -> NDArray[np.bool_]:
 
 
 def rigid_wrenches(
-    compliance: Array, length: float, own: float = 0.0
+    compliance: Array, length: float, element_compliance: float = 0.0
 ) -> tuple[Array, ...]:
     """Return unit wrenches (k, 6) that do not deflect each of compliances (n, 6, 6).
 
@@ -106,14 +106,14 @@ def rigid_wrenches(
         Compliances (n, 6, 6) of the tool.
     length
         Scales rotations, m.
-    own
+    element_compliance
         Largest compliance of the robot's elements, with ``length`` as unit, 1/(N·m); by default
         that of the tool. A tool that is rigid in all directions has rounding alone.
     """
     scale = np.repeat([1.0 / length, 1.0], 3)
     values, vectors = np.linalg.eigh(compliance * np.outer(scale, scale))
     largest = values[:, -1:].clip(min=1e-300)
-    least = np.maximum(_RIGID * (own or largest), _ROUNDED * largest)
+    least = np.maximum(_RIGID * (element_compliance or largest), _ROUNDED * largest)
     counts = np.sum(values <= least, axis=1)
     out: list[Array] = list(repeat(np.zeros((0, 6)), len(compliance)))
     for count in set(counts.tolist()) - {0}:
@@ -163,7 +163,8 @@ def _name_wrenches(wrenches: Array) -> str:
     """Return the directions that wrenches (k, 6) span."""
     space = np.linalg.qr(wrenches.T)[0]
     return ", ".join(
-        _name_rigid(each) for each in name_directions(space, "force", "moment", 1.0)
+        _name_rigid(direction)
+        for direction in name_directions(space, "force", "moment", 1.0)
     )
 
 

@@ -51,12 +51,12 @@ def find_thrusts(mechanism: Mechanism, poses: Poses) -> dict[str, tuple[float, f
     bends = {name: _bend_by_thrust(elastic) for name, elastic in bodies.items()}
 
     def work(order: Order, where: Places) -> Array:
-        found = find_equilibrium(order, where, own_loads(order, where))
+        equilibrium = find_equilibrium(order, where, own_loads(order, where))
         out = np.zeros((len(where.tool), len(bodies)))
         for k, (name, elastic) in enumerate(bodies.items()):
             along = (elastic.tip - elastic.base) @ elastic.axes
             out[:, k] = (
-                found.find_wrench(mechanism.rows(name))[:, :3, 0]
+                equilibrium.find_wrench(mechanism.rows(name))[:, :3, 0]
                 @ along
                 / np.linalg.norm(along)
             )
@@ -65,7 +65,7 @@ def find_thrusts(mechanism: Mechanism, poses: Poses) -> dict[str, tuple[float, f
     forces = map_chunks(mechanism, poses, (len(bodies),), work)
     forces = forces[np.isfinite(forces).all(axis=1)]
     largest = (
-        (each[np.argmax(np.abs(each))] for each in forces.T) if len(forces) else ()
+        (force[np.argmax(np.abs(force))] for force in forces.T) if len(forces) else ()
     )
     return {
         name: (float(f), float(abs(f) * bends[name]))

@@ -90,25 +90,25 @@ def respond(
     InputError
         For a pose out of reach, a load on no body, and where the tool moves freely under its load.
     """
-    found = configure(mechanism, poses).require_valid()
+    configurations = configure(mechanism, poses).require_valid()
     applied = np.asarray(wrench, dtype=float)
     if applied.ndim < 3:
         applied = np.atleast_2d(applied.T).T[None]
     n, six, cases = applied.shape
     require(
-        six == 6 and n in {1, len(found)} and np.isfinite(applied).all(),
+        six == 6 and n in {1, len(configurations)} and np.isfinite(applied).all(),
         "wrench",
-        f"finite (6,), (6, c) or ({len(found)}, 6, c)",
+        f"finite (6,), (6, c) or ({len(configurations)}, 6, c)",
         f"shape {np.shape(wrench)}",
     )
-    order = find_order(mechanism, found.linkage)
-    where = place_nodes(found)
+    order = find_order(mechanism, configurations.linkage)
+    where = place_nodes(configurations)
     weight, times = (
         np.broadcast_to(np.asarray(x, dtype=float), (cases,)) for x in (gravity, misfit)
     )
-    own = own_loads(order, where)
+    weights = own_loads(order, where)
     nodes: dict[str, Array] = {
-        k: w * weight for k, w in own.nodes.items() if weight.any()
+        k: w * weight for k, w in weights.nodes.items() if weight.any()
     }
     for load in loads:
         node = FOOT if load.node == GROUND else load.node
@@ -122,10 +122,12 @@ def respond(
         nodes[node] = nodes.get(node, 0.0) + carry @ wrench
     nodes[END] = nodes.get(END, 0.0) + applied
     offsets: dict[str, Array] = {
-        k: t * times for k, t in own.offsets.items() if times.any()
+        k: t * times for k, t in weights.offsets.items() if times.any()
     }
     out = find_equilibrium(order, where, Loads(cases, nodes, offsets))
-    out.nodes[END] = np.array(np.broadcast_to(out.twist, (len(found), 6, cases)))
+    out.nodes[END] = np.array(
+        np.broadcast_to(out.twist, (len(configurations), 6, cases))
+    )
     return out
 
 
@@ -156,9 +158,9 @@ def deflection(mechanism: Mechanism, poses: Poses, wrench: ArrayLike) -> Deflect
     >>> (1e6 * found.twist[0, 2]).round(1)  # um
     np.float64(-80.7)
     """
-    found = configure(mechanism, poses).require_valid()
-    n = len(found)
-    response = respond(mechanism, found, _check_wrench(wrench, n)[..., None])
+    configurations = configure(mechanism, poses).require_valid()
+    n = len(configurations)
+    response = respond(mechanism, configurations, _check_wrench(wrench, n)[..., None])
     twist = response.twist[..., 0]
     stored = {
         name: np.broadcast_to(e[:, 0], (n,)) for name, e in response.energies.items()
@@ -166,7 +168,7 @@ def deflection(mechanism: Mechanism, poses: Poses, wrench: ArrayLike) -> Deflect
     energy = sum(stored.values(), np.zeros(n))
     whole = np.where(energy > 0.0, energy, 1.0)
     return Deflection(
-        twist, energy, {name: e / whole for name, e in stored.items()}, found
+        twist, energy, {name: e / whole for name, e in stored.items()}, configurations
     )
 
 
@@ -200,11 +202,11 @@ def find_load_curve(
     InputError
         As ``deflection``.
     """
-    found = configure(mechanism, poses).require_valid()
-    n = len(found)
+    configurations = configure(mechanism, poses).require_valid()
+    n = len(configurations)
     times = np.asarray(load, dtype=float)
-    order = find_order(mechanism, found.linkage)
-    where = place_nodes(found)
+    order = find_order(mechanism, configurations.linkage)
+    where = place_nodes(configurations)
     loads = Loads(len(times), {END: _check_wrench(wrench, n)[..., None] * times})
     twist = np.broadcast_to(
         find_equilibrium(order, where, loads).twist, (n, 6, len(times))

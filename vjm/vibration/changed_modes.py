@@ -122,7 +122,7 @@ class SoundModes:
             self.modal.mass[self.moving]
         )
         rows = self.modal.system.inertias
-        return np.vstack([each.matrix[0] @ vectors[each.columns] for each in rows])
+        return np.vstack([row.matrix[0] @ vectors[row.columns] for row in rows])
 
     def _move_masses(self, name: str) -> Array:
         """Return the rates (r, k) of all masses by static unit dislocations of an element."""
@@ -247,9 +247,9 @@ class ChangedModes:
         out: list[tuple[Array, Array]] = []
         for added in self.inertias:
             values, vectors = np.linalg.eigh(added.inertia)
-            kept = np.abs(values) > _EMPTY * np.abs(values).max()
-            turn = vectors[:, kept] * np.sqrt(np.abs(values[kept]))
-            out.append((turn.T, np.sign(values[kept])))
+            significant = np.abs(values) > _EMPTY * np.abs(values).max()
+            turn = vectors[:, significant] * np.sqrt(np.abs(values[significant]))
+            out.append((turn.T, np.sign(values[significant])))
         return out
 
     @cached_property
@@ -278,12 +278,12 @@ class ChangedModes:
         """``L⁻¹`` (l, n) of the loads, ``L`` (n, l), both turned to the modes; and m (l,)."""
         loads, signs = self._masses
         values, vectors = np.linalg.eigh(self._flex(loads, loads))
-        kept = values > _EMPTY * values[-1]
-        root = np.sqrt(values[kept])
-        lower = vectors[:, kept] * root
-        inverse = (vectors[:, kept] / root).T
+        significant = values > _EMPTY * values[-1]
+        root = np.sqrt(values[significant])
+        lower = vectors[:, significant] * root
+        inverse = (vectors[:, significant] / root).T
         if (signs > 0.0).all():
-            return inverse, lower, values[kept]
+            return inverse, lower, values[significant]
         mass, turn = np.linalg.eigh(lower.T @ (signs[:, None] * lower))
         if mass[0] < -_EMPTY * mass[-1]:
             raise InputError("mass: expected more than nothing, got less")

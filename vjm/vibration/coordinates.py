@@ -197,7 +197,7 @@ def _pick_rows(rows: Any, index: NDArray[np.intp]) -> Any:
         array = cast("Array", rows)
         return array if len(array) == 1 else array[index]
     if isinstance(rows, list):
-        return [_pick_rows(each, index) for each in cast("list[Any]", rows)]
+        return [_pick_rows(row, index) for row in cast("list[Any]", rows)]
     return {
         key: _pick_rows(each, index)
         for key, each in cast("dict[str, Any]", rows).items()
@@ -228,19 +228,19 @@ def form_coordinates(
         name: inverse for name, inverse in inverses.items() if inverse is not None
     }
     tree, chords = _grow_forest([e for e in elements if e.name not in spanning])
-    own: dict[str, Rows] = {}  # by element, and by body for shared coordinates
-    _place_nodes(out, tree, own)
+    rows_of: dict[str, Rows] = {}  # by element, and by body for shared coordinates
+    _place_nodes(out, tree, rows_of)
     for e in chords:
-        own[e.name] = _own_rows(out, e, own)
+        rows_of[e.name] = _own_rows(out, e, rows_of)
         gap = _relate_ends(out, e).plus(
-            own[e.name].after(stack_columns(where.columns(e))), -1.0
+            rows_of[e.name].after(stack_columns(where.columns(e))), -1.0
         )
         out.constraints.append(gap.after(np.diag(unit)))
     for e in elements:
         r = e.factor.shape[1]
         if e.name in spanning:
             back = spanning[e.name] @ where.frame(e).inverse_adjoint()
-            own[e.name] = _relate_ends(out, e).after(back)
+            rows_of[e.name] = _relate_ends(out, e).after(back)
             out.springs[e.name] = spanning[e.name][:r].T
         elif r and not e.group:
             out.springs[e.name] = np.linalg.pinv(e.factor).T
@@ -250,10 +250,10 @@ def form_coordinates(
             )
             out.springs[e.group], out.strains[e.group] = (
                 np.linalg.pinv(whole).T,
-                [own[e.group]],
+                [rows_of[e.group]],
             )
         elif r and not e.group:
-            strain = own[e.name]
+            strain = rows_of[e.name]
             if e.name in spanning:
                 out.strains[e.name] = [Rows(strain.columns, strain.matrix[:, :r])]
             else:
@@ -261,7 +261,7 @@ def form_coordinates(
         if e.joint is not None and e.name in drives:
             k = r + (e.joint.driven or 0)
             out.rates.append(
-                Rows(own[e.name].columns, own[e.name].matrix[:, k : k + 1])
+                Rows(rows_of[e.name].columns, rows_of[e.name].matrix[:, k : k + 1])
             )
     for body in mechanism.bodies:
         _add_inertia(out, body)
@@ -293,18 +293,20 @@ def _grow_forest(elements: list[Element]) -> tuple[list[Element], list[Element]]
     return tree, chords
 
 
-def _own_rows(out: Coordinates, e: Element, own: dict[str, Rows]) -> Rows:
+def _own_rows(out: Coordinates, e: Element, rows_of: dict[str, Rows]) -> Rows:
     """Return an element's coordinates, springs then free motions; its body's if shared."""
-    if e.group in own:
-        return own[e.group]
+    if e.group in rows_of:
+        return rows_of[e.group]
     count = e.factor.shape[1] + e.free.shape[1]
     rows = Rows(out.more(count), np.eye(count)[None])
     if e.group:
-        own[e.group] = rows
+        rows_of[e.group] = rows
     return rows
 
 
-def _place_nodes(out: Coordinates, tree: list[Element], own: dict[str, Rows]) -> None:
+def _place_nodes(
+    out: Coordinates, tree: list[Element], rows_of: dict[str, Rows]
+) -> None:
     """Set the twists of all nodes, outward from the ground and from free roots."""
     for start in list_nodes(out.mechanism):
         if start in out.twists:
@@ -317,8 +319,8 @@ def _place_nodes(out: Coordinates, tree: list[Element], own: dict[str, Rows]) ->
                 there = e.second if e.first == here else e.first
                 if here not in {e.first, e.second} or there in out.twists:
                     continue
-                own[e.name] = _own_rows(out, e, own)
-                step = own[e.name].after(stack_columns(out.where.columns(e)))
+                rows_of[e.name] = _own_rows(out, e, rows_of)
+                step = rows_of[e.name].after(stack_columns(out.where.columns(e)))
                 sign = 1.0 if there == e.second else -1.0
                 out.twists[there] = out.twists[here].plus(step, sign)
                 queue.append(there)

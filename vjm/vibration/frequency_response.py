@@ -68,7 +68,7 @@ class ModalPorts:
 @in_one_thread
 def expand_ports(
     mechanism: Mechanism,
-    found: Configurations,
+    configurations: Configurations,
     ports: Sequence[Port],
     *,
     drives: Drives = "held",
@@ -78,7 +78,7 @@ def expand_ports(
 
     Parameters
     ----------
-    mechanism, found, drives
+    mechanism, configurations, drives
         As for `frequency_response`.
     ports
         Points and directions of forces and responses.
@@ -90,7 +90,7 @@ def expand_ports(
     InputError
         If a port has no body or moves freely without inertia.
     """
-    modal = solve_all_modes(mechanism, found, drives=drives, masses=masses)
+    modal = solve_all_modes(mechanism, configurations, drives=drives, masses=masses)
     moved = [
         np.asarray(port.direction, dtype=float) @ modal.displace(port.node, port.at)
         for port in ports
@@ -178,7 +178,7 @@ def superpose_modes(
 
 def frequency_response(
     mechanism: Mechanism,
-    found: Configurations,
+    configurations: Configurations,
     source: Port,
     target: Port,
     frequencies: ArrayLike,
@@ -192,7 +192,7 @@ def frequency_response(
 
     Parameters
     ----------
-    mechanism, found
+    mechanism, configurations
         Mechanism, and one configuration of it.
     source, target
         Ports of the force and of the response.
@@ -213,5 +213,5 @@ def frequency_response(
     InputError
         If a port has no body or moves freely without inertia, or a value is out of range.
     """
-    modal = expand_ports(mechanism, found, (source, target), drives=drives)
+    modal = expand_ports(mechanism, configurations, (source, target), drives=drives)
     return superpose_modes(modal, [(0, 1)], frequencies, damping)[0]

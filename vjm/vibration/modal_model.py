@@ -147,7 +147,7 @@ class ModalModel:
 
 def solve_all_modes(
     mechanism: Mechanism,
-    found: Configurations,
+    configurations: Configurations,
     *,
     drives: Drives = "held",
     masses: Sequence[PointMass] = (),
@@ -158,14 +158,16 @@ def solve_all_modes(
     ----------
     mechanism
         Bodies, joints, tool and gravity of the robot.
-    found
+    configurations
         Configuration.
     drives
         Drives are springs ("held") or move freely ("free").
     masses
         Added to bodies, such as those of sensors.
     """
-    ((pencil, _),) = form_pencils(mechanism, found.require_valid()[:1], drives, masses)
+    ((pencil, _),) = form_pencils(
+        mechanism, configurations.require_valid()[:1], drives, masses
+    )
     unit = pencil.scale[:, None]
     full = pencil.basis[0] @ (unit * pencil.all_vectors()[1])
     mass = sum_squares(pencil.system.inertias, full[None])[0]
@@ -173,7 +175,7 @@ def solve_all_modes(
     inert = (mass > 0.0) | (stiffness > 0.0)
     return ModalModel(
         mechanism=mechanism,
-        configuration=found[:1],
+        configuration=configurations[:1],
         system=pencil.system,
         vectors=full[:, inert],
         mass=mass[inert],

@@ -135,12 +135,12 @@ def modes(
     >>> ss.modes(machine, [[0, 0, 0.34748]], 3).frequencies.round(1)  # Hz
     array([[ 58.8, 138. , 143.6]])
     """
-    found = _configure(mechanism, poses, count)
-    n = len(found)
+    configurations = _configure(mechanism, poses, count)
+    n = len(configurations)
     empty: Array = np.full((n, count), np.nan)
-    out = Modes(found, empty, empty.copy(), {}, {}, empty.copy(), ())
+    out = Modes(configurations, empty, empty.copy(), {}, {}, empty.copy(), ())
     remarks: dict[str, None] = {}
-    for part, some in _solve_chunks(mechanism, found, count, drives, remarks):
+    for part, some in _solve_chunks(mechanism, configurations, count, drives, remarks):
         c = part.squares.shape[1]
         out.frequencies[some, :c] = part.frequencies
         out.error[some, :c] = part.error
@@ -165,9 +165,9 @@ def frequencies(
     mechanism, poses, count, drives
         As for ``modes``.
     """
-    found = _configure(mechanism, poses, count)
-    out = np.full((len(found), count), np.nan)
-    for part, some in _solve_chunks(mechanism, found, count, drives, {}):
+    configurations = _configure(mechanism, poses, count)
+    out = np.full((len(configurations), count), np.nan)
+    for part, some in _solve_chunks(mechanism, configurations, count, drives, {}):
         out[some, : part.squares.shape[1]] = part.frequencies
     return out
 
@@ -190,12 +190,14 @@ def strain_products(
     ----------
     R. L. Fox, M. P. Kapoor, Rates of change of eigenvalues and eigenvectors, AIAA Journal 6, 1968.
     """
-    found = _configure(mechanism, poses, count)
+    configurations = _configure(mechanism, poses, count)
     out: dict[str, Array] = {}
-    for part, some in _solve_chunks(mechanism, found, count, drives, {}):
+    for part, some in _solve_chunks(mechanism, configurations, count, drives, {}):
         c = part.squares.shape[1]
         for name, rows in part.pencil.system.strains.items():
-            whole = out.setdefault(name, np.full((len(found), count, count), np.nan))
+            whole = out.setdefault(
+                name, np.full((len(configurations), count, count), np.nan)
+            )
             strains = [row.apply_to(part.vectors) for row in rows]
             whole[some, :c, :c] = sum(
                 (strain.mT @ strain for strain in strains), np.zeros((1, c, c))
@@ -282,11 +284,11 @@ class _Part:
                 mixed = mixed + strained.mT @ (
                     (inner.error / inner.squares)[:, None] * strained
                 )
-        own = np.einsum("nii->ni", mixed)
+        diagonal = np.einsum("nii->ni", mixed)
         apart = np.abs(self.squares[:, :, None] - self.squares[:, None])
-        bound = np.where(apart <= own[:, :, None] + own[:, None], mixed, 0.0).sum(
-            axis=2
-        )
+        bound = np.where(
+            apart <= diagonal[:, :, None] + diagonal[:, None], mixed, 0.0
+        ).sum(axis=2)
         lowest = np.sqrt(np.maximum(self.squares - bound, 0.0)) / (
             2.0 * np.pi
         )  # the larger side
@@ -295,18 +297,18 @@ class _Part:
 
 def _solve_chunks(
     mechanism: Mechanism,
-    found: Configurations,
+    configurations: Configurations,
     count: int,
     drives: Drives,
     remarks: dict[str, None],
 ) -> Iterator[_Solved]:
     """Yield the modes of all reachable poses in chunks; add ``remarks`` on what is left out."""
-    reached = np.flatnonzero(found.valid)
+    reached = np.flatnonzero(configurations.valid)
     most = 0
     massless = False
     for start in range(0, len(reached), _CHUNK):
         chunk = reached[start : start + _CHUNK]
-        for pencil, some in form_pencils(mechanism, found[chunk], drives):
+        for pencil, some in form_pencils(mechanism, configurations[chunk], drives):
             idle = _check_empty(pencil)
             for solved, which in _solve(pencil, count):
                 massless = massless or solved.squares.shape[1] < len(pencil.scale)
@@ -315,7 +317,9 @@ def _solve_chunks(
                 most = max(most, part.squares.shape[1])
                 yield part, chunk[some[which]]
             if idle and not remarks:
-                remarks[_idle_text(mechanism, found, int(chunk[some[0]]))] = None
+                remarks[_idle_text(mechanism, configurations, int(chunk[some[0]]))] = (
+                    None
+                )
     if reached.size and most < count:
         _say_few(mechanism, most, count, remarks, massless=massless)
 
@@ -370,23 +374,23 @@ def _drop_idle(part: _Part, count: int) -> tuple[_Part, bool]:
     useful = _move_tool_and_drives(part.pencil.system, part.vectors)
     for k, zeros in enumerate(free):
         _, values, turned = np.linalg.svd(useful[k, :, :zeros])
-        kept = int((values > _IDLE * np.abs(useful[k]).max()).sum())
+        moving = int((values > _IDLE * np.abs(useful[k]).max()).sum())
         all_of = [
-            part.vectors[k, :, :zeros] @ turned[:kept].T,
+            part.vectors[k, :, :zeros] @ turned[:moving].T,
             part.vectors[k, :, zeros:],
         ]
-        c = kept + part.squares.shape[1] - zeros
-        squares[k, :c] = np.concatenate([np.zeros(kept), part.squares[k, zeros:]])
+        c = moving + part.squares.shape[1] - zeros
+        squares[k, :c] = np.concatenate([np.zeros(moving), part.squares[k, zeros:]])
         vectors[k, :, :c] = np.hstack(all_of)
         most = max(most, c)
-        idle = idle or kept < zeros
+        idle = idle or moving < zeros
     most = min(most, count)
     return _Part(part.pencil, squares[:, :most], vectors[..., :most]), idle
 
 
-def _idle_text(mechanism: Mechanism, found: Configurations, index: int) -> str:
+def _idle_text(mechanism: Mechanism, configurations: Configurations, index: int) -> str:
     """Describe idle motions by name."""
-    known = "; ".join(map(str, mobility(mechanism, found, index).idle))
+    known = "; ".join(map(str, mobility(mechanism, configurations, index).idle))
     return f"left out, as without stiffness: {known or 'a free motion'}"
 
 
@@ -440,12 +444,12 @@ def _solve(pencil: Pencil, count: int) -> Iterator[_Solved]:
     begin = inverse @ start.vectors[0, :, : wanted + _GUARDS // 2]
     vectors, good = _iterate_subspace(pencil, matrix, begin, wanted)
     if good.any():
-        some = everything[good]
+        solved = everything[good]
         yield (
             _normalize(
-                pencil if good.all() else pencil.some(some), vectors[good], pencil
+                pencil if good.all() else pencil.some(solved), vectors[good], pencil
             ),
-            some,
+            solved,
         )
     if not good.all():
         yield from _solve_densely(pencil.some(everything[~good]), everything[~good])

@@ -96,7 +96,7 @@ class Pencil:
 
 def form_pencils(
     mechanism: Mechanism,
-    found: Configurations,
+    configurations: Configurations,
     drives: Drives = "held",
     masses: Sequence[PointMass] = (),
 ) -> Iterator[tuple[Pencil, NDArray[np.intp]]]:
@@ -106,7 +106,7 @@ def form_pencils(
     ----------
     mechanism
         Bodies, joints, tool and gravity of the robot.
-    found
+    configurations
         Configurations; unreachable ones are skipped.
     drives
         Drives are springs ("held") or move freely ("free").
@@ -120,12 +120,14 @@ def form_pencils(
         shaken = replace(
             mechanism, joints=tuple(replace(j, drive=None) for j in mechanism.joints)
         )
-    system = form_coordinates(shaken, place_nodes(found), found.linkage.length, free)
+    system = form_coordinates(
+        shaken, place_nodes(configurations), configurations.linkage.length, free
+    )
     for mass in masses:
         add_point_mass(system, mass)
     stiffness = system.stiffness
     mass = system.mass
-    everything = np.arange(len(found))
+    everything = np.arange(len(configurations))
     if not system.constraints:
         yield Pencil(system, np.eye(system.size)[None], stiffness, mass), everything
         return

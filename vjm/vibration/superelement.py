@@ -100,9 +100,9 @@ def superelement(
     wanted = np.linalg.qr(
         np.hstack([_lowest(held, inert, pencil.shift, modes), added])
     )[0]
-    own = wanted.T @ held @ wanted
+    condensed = wanted.T @ held @ wanted
     moved = wanted.T @ inert @ wanted
-    within = _lowest(own, moved, pencil.shift, wanted.shape[1])
+    within = _lowest(condensed, moved, pencil.shift, wanted.shape[1])
     basis = np.hstack([static, apart @ wanted @ within])
     k, m = (0.5 * (a + a.T) for a in (basis.T @ a @ basis for a in (stiffness, mass)))
     k[:6, 6:] = k[6:, :6] = 0.0  # uncoupled by construction

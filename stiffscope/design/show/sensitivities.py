@@ -33,7 +33,7 @@ LEAST = 5e-7  # smallest effect shown in a table; finite differences leave error
 MOST_BARS = 15
 
 
-def part_json(found: PartSensitivity, result: PartResult) -> dict[str, Any]:
+def part_json(sensitivity: PartSensitivity, result: PartResult) -> dict[str, Any]:
     """Return a part's derivatives per unit of each parameter for JSON output, SI."""
     names = (
         "value",
@@ -51,22 +51,22 @@ def part_json(found: PartSensitivity, result: PartResult) -> dict[str, Any]:
     keys["condensed_mass"] = "condensed_mass"
     parameters = {
         name: {key: getattr(each, held) for key, held in keys.items()}
-        for name, each in found.derivatives.items()
+        for name, each in sensitivity.derivatives.items()
     }
     return {
-        "part": found.part,
+        "part": sensitivity.part,
         "parameters": parameters,
-        "notes": found.notes,
-        "seconds": found.seconds,
+        "notes": sensitivity.notes,
+        "seconds": sensitivity.seconds,
     }
 
 
-def robot_json(found: Sensitivity) -> dict[str, Any]:
+def robot_json(sensitivity: Sensitivity) -> dict[str, Any]:
     """Return a robot's derivatives at n poses and its scatter by tolerances for JSON output, SI."""
-    scatter = found.scatter()
+    scatter = sensitivity.scatter()
     responses = ("stiffness", "push", "sag", "frequency")
     parameters = {}
-    for row in found.rows:
+    for row in sensitivity.rows:
         parameters[row.parameter.name] = {
             **{
                 name: getattr(row.parameter, name)
@@ -77,11 +77,11 @@ def robot_json(found: Sensitivity) -> dict[str, Any]:
             "stiffness_per_kilogram": row.per_kilogram,
         }
     return {
-        "poses": found.poses,
-        **_responses(found.at),
+        "poses": sensitivity.poses,
+        **_responses(sensitivity.at),
         "parameters": parameters,
         "scatter": None if scatter is None else _responses(scatter),
-        "notes": found.notes,
+        "notes": sensitivity.notes,
         "convention": CONVENTION,
     }
 
@@ -93,12 +93,12 @@ def _responses(given: Any) -> dict[str, Any]:
     }
 
 
-def show_part_sensitivity(found: PartSensitivity, result: PartResult) -> None:
+def show_part_sensitivity(sensitivity: PartSensitivity, result: PartResult) -> None:
     """Show % of diagonal compliance, of sag by weight and of mass per % of each parameter."""
     for k, interface in enumerate(result.experiment.interfaces[1:]):
         several = len(result.experiment.interfaces) > 2
         _show_at(
-            found,
+            sensitivity,
             result,
             slice(6 * k, 6 * k + 6),
             f" at {interface}" if several else "",
@@ -109,25 +109,25 @@ def show_part_sensitivity(found: PartSensitivity, result: PartResult) -> None:
     show_line(
         "  per kg: the largest gain of an entry of 1/C_ii per kilogram that this adds."
     )
-    _show_notes(found.notes)
+    _show_notes(sensitivity.notes)
 
 
 def _show_at(
-    found: PartSensitivity, result: PartResult, own: slice, where: str
+    sensitivity: PartSensitivity, result: PartResult, columns: slice, where: str
 ) -> None:
     """Show the table of one loaded interface."""
-    compliance = result.compliance.diagonal()[own]
+    compliance = result.compliance.diagonal()[columns]
     weight = np.abs(result.experiment.self_weight).max(axis=1)
     at = np.abs(result.experiment.self_weight).argmax(axis=1)
     rows = []
-    for name, each in _rank_derivatives(found, compliance, own):
-        shares = each.value * each.full_compliance.diagonal()[own] / compliance
-        bounds = each.value * each.full_error.diagonal()[own] / compliance
+    for name, each in _rank_derivatives(sensitivity, compliance, columns):
+        shares = each.value * each.full_compliance.diagonal()[columns] / compliance
+        bounds = each.value * each.full_error.diagonal()[columns] / compliance
         sags = each.value * each.self_weight[range(3), at] / weight
         sags *= np.sign(result.experiment.self_weight[range(3), at])
         gain = ""
         if abs(each.mass * each.value) >= 1e-9:
-            gains = -each.full_compliance.diagonal()[own] / compliance / each.mass
+            gains = -each.full_compliance.diagonal()[columns] / compliance / each.mass
             best = int(gains.argmax())
             gain = (
                 f"{COMPLIANCES[best]} {100 * gains[best]:+.3g} %"
@@ -150,40 +150,40 @@ def _show_at(
     sag = ("sag x", "sag y", "sag z", "mass")
     groups = [("parameter", "value"), *halves, sag, ("best entry per kg",)]
     show_table(
-        f"Sensitivity of the {found.part}{where}: % per % of each parameter",
+        f"Sensitivity of the {sensitivity.part}{where}: % per % of each parameter",
         groups,
         rows,
     )
 
 
 def _rank_derivatives(
-    found: PartSensitivity, compliance: np.ndarray, own: slice = slice(0, 6)
+    sensitivity: PartSensitivity, compliance: np.ndarray, columns: slice = slice(0, 6)
 ) -> list[tuple[str, Derivative]]:
     """Return derivatives by name, the greatest effect on the diagonal of an interface first."""
 
     def effect(item: tuple[str, Derivative]) -> float:
         return np.abs(
-            item[1].value * item[1].full_compliance.diagonal()[own] / compliance
+            item[1].value * item[1].full_compliance.diagonal()[columns] / compliance
         ).max()
 
-    return sorted(found.derivatives.items(), key=effect, reverse=True)
+    return sorted(sensitivity.derivatives.items(), key=effect, reverse=True)
 
 
-def show_sensitivity(found: Sensitivity, names: Sequence[str]) -> None:
+def show_sensitivity(sensitivity: Sensitivity, names: Sequence[str]) -> None:
     """Show % of K_ii, 1/C_ii, sag and first frequency per % of each parameter, by pose, sorted."""
     for index, pose in enumerate(names):
-        stiffness = np.diagonal(found.at.stiffness[index])
-        sag = found.at.sag[index, :3]
+        stiffness = np.diagonal(sensitivity.at.stiffness[index])
+        sag = sensitivity.at.sag[index, :3]
         rows = []
-        for row in rank_rows(found, index):
+        for row in rank_rows(sensitivity, index):
             value = row.parameter.value
             along = (
                 value * (sag @ row.by.sag[index, :3]) / (sag @ sag)
                 if sag.any()
                 else np.nan
             )
-            share = value / found.at.frequency[index]
-            first = (share * each.frequency[index] for each in (row.by, row.error))
+            share = value / sensitivity.at.frequency[index]
+            first = (share * number.frequency[index] for number in (row.by, row.error))
             massive = ["", "", ""]
             if row.per_kilogram is not None:
                 gains = np.diagonal(row.per_kilogram[index])[:3] / stiffness[:3]
@@ -193,8 +193,8 @@ def show_sensitivity(found: Sensitivity, names: Sequence[str]) -> None:
                     f"{100 * g:+.3g} %" if told else none
                     for g, told in zip(gains, counts, strict=True)
                 ]
-            stiff = map(_share, *_diagonals(found, row, index))
-            pushed = map(_share, *_pushes(found, row, index))
+            stiff = map(_share, *_diagonals(sensitivity, row, index))
+            pushed = map(_share, *_pushes(sensitivity, row, index))
             shown = row.parameter.name, quantity(value, row.parameter.unit)
             rows.append(
                 (
@@ -221,57 +221,61 @@ def show_sensitivity(found: Sensitivity, names: Sequence[str]) -> None:
             groups,
             rows,
         )
-        _show_scatter(found, index)
+        _show_scatter(sensitivity, index)
     show_line(
         "  per kg: % of K per kilogram that this adds; ± 95 % if above one digit."
     )
     show_line(f"  {PUSH_WORDS}")
-    _show_notes(found.notes)
+    _show_notes(sensitivity.notes)
 
 
-def rank_rows(found: Sensitivity, index: int) -> list[Row]:
+def rank_rows(sensitivity: Sensitivity, index: int) -> list[Row]:
     """Return rows sorted by their largest effect on K's diagonal at a pose; omit zero effects."""
 
     def effect(row: Row) -> float:
         on_frequency = (
-            row.parameter.value * row.by.frequency[index] / found.at.frequency[index]
+            row.parameter.value
+            * row.by.frequency[index]
+            / sensitivity.at.frequency[index]
         )
         return float(
-            np.nanmax(np.abs([*_diagonals(found, row, index)[0], 1e-6 * on_frequency]))
+            np.nanmax(
+                np.abs([*_diagonals(sensitivity, row, index)[0], 1e-6 * on_frequency])
+            )
         )
 
-    rows = (row for row in found.rows if effect(row) > LEAST * 1e-6)
+    rows = (row for row in sensitivity.rows if effect(row) > LEAST * 1e-6)
     return sorted(rows, key=effect, reverse=True)
 
 
-def _diagonals(found: Sensitivity, row: Row, index: int) -> np.ndarray:
+def _diagonals(sensitivity: Sensitivity, row: Row, index: int) -> np.ndarray:
     """Return the effect of a parameter on K's diagonal at a pose, and its bounds (2, 6)."""
     each = np.array(
-        [np.diagonal(each.stiffness[index]) for each in (row.by, row.error)]
+        [np.diagonal(number.stiffness[index]) for number in (row.by, row.error)]
     )
-    return each * row.parameter.value / np.diagonal(found.at.stiffness[index])
+    return each * row.parameter.value / np.diagonal(sensitivity.at.stiffness[index])
 
 
-def _pushes(found: Sensitivity, row: Row, index: int) -> np.ndarray:
+def _pushes(sensitivity: Sensitivity, row: Row, index: int) -> np.ndarray:
     """Return the effect of a parameter on 1/C_ii at a pose, and its bounds (2, 6)."""
-    each = np.array([each.push[index] for each in (row.by, row.error)])
-    return each * row.parameter.value / found.at.push[index]
+    each = np.array([number.push[index] for number in (row.by, row.error)])
+    return each * row.parameter.value / sensitivity.at.push[index]
 
 
-def _show_scatter(found: Sensitivity, index: int) -> None:
-    scatter = found.scatter()
+def _show_scatter(sensitivity: Sensitivity, index: int) -> None:
+    scatter = sensitivity.scatter()
     if scatter is None:
         return
     shares = np.diagonal(scatter.stiffness[index]) / np.diagonal(
-        found.at.stiffness[index]
+        sensitivity.at.stiffness[index]
     )
     each = zip(DIAGONAL, shares, strict=True)
     words = ", ".join(f"{name} ± {100 * share:.2g} %" for name, share in each)
-    pushes = scatter.push[index] / found.at.push[index]
+    pushes = scatter.push[index] / sensitivity.at.push[index]
     each = zip(PUSHES, pushes, strict=True)
     words += ", " + ", ".join(f"{name} ± {100 * p:.2g} %" for name, p in each)
-    more = f", f1 ± {100 * scatter.frequency[index] / found.at.frequency[index]:.2g} %"
-    sag = np.linalg.norm(found.at.sag[index, :3])
+    more = f", f1 ± {100 * scatter.frequency[index] / sensitivity.at.frequency[index]:.2g} %"
+    sag = np.linalg.norm(sensitivity.at.sag[index, :3])
     if sag > 0:
         more += f", |sag| ± {100 * np.linalg.norm(scatter.sag[index, :3]) / sag:.2g} %"
     show_line(
@@ -286,7 +290,7 @@ def _show_notes(notes: dict[str, str]) -> None:
 
 
 _SCALES = {"m": (1e-3, "mm"), "Pa": (1e9, "GPa"), "1": (1.0, "")} | {
-    each: SHOWN_IN[each][0] for each in ("N/m", "N·m/rad")
+    unit: SHOWN_IN[unit][0] for unit in ("N/m", "N·m/rad")
 }
 
 
@@ -324,13 +328,13 @@ def write_page(report: Draft, title: str, words: str) -> None:
     report.write(title, ["derivatives of logarithms: % per %"], sections)
 
 
-def draw_robot(found: Sensitivity, pose: str) -> Figure:
+def draw_robot(sensitivity: Sensitivity, pose: str) -> Figure:
     """Draw bars of K_tx at the first pose, named ``pose``: relative and per kilogram."""
-    stiffness = found.at.stiffness[0, 0, 0]
+    stiffness = sensitivity.at.stiffness[0, 0, 0]
     shares = []
     kilograms = []
-    for row in found.rows:
-        share, bound = _diagonals(found, row, 0)[:, 0]
+    for row in sensitivity.rows:
+        share, bound = _diagonals(sensitivity, row, 0)[:, 0]
         if abs(share) > LEAST:
             shares.append((row.parameter.name, share, bound))
             if row.per_kilogram is not None:  # adds mass
@@ -340,7 +344,9 @@ def draw_robot(found: Sensitivity, pose: str) -> Figure:
                 )
                 kilograms.append((row.parameter.name, gained, bound))
     height = 1.6 + 0.32 * min(len(shares), MOST_BARS)
-    drawn = new_figure(11.0, height, f"{found.robot.name}: what changes K_tx at {pose}")
+    drawn = new_figure(
+        11.0, height, f"{sensitivity.robot.name}: what changes K_tx at {pose}"
+    )
     left, right = drawn.subplots(1, 2)
     _bars(
         left,
@@ -355,12 +361,12 @@ def draw_robot(found: Sensitivity, pose: str) -> Figure:
     return drawn
 
 
-def draw_part(found: PartSensitivity, result: PartResult) -> Figure:
+def draw_part(sensitivity: PartSensitivity, result: PartResult) -> Figure:
     """Draw bars for each diagonal entry of the part's compliance."""
     compliance = result.experiment.compliance.diagonal()
-    order = _rank_derivatives(found, compliance)[:MOST_BARS]
+    order = _rank_derivatives(sensitivity, compliance)[:MOST_BARS]
     drawn = new_figure(
-        13.0, 2.4 + 0.5 * len(order), f"{found.part}: what changes its compliance"
+        13.0, 2.4 + 0.5 * len(order), f"{sensitivity.part}: what changes its compliance"
     )
     for i, axes in enumerate(drawn.subplots(2, 3, sharey=True).ravel()):
         bars = []

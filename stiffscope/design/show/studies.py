@@ -61,8 +61,8 @@ def write_study_page(study: Study, report: Draft) -> None:
     """Write the page with the shown tables, the folder's pictures and the manifest."""
     stem = "pareto" if len(study.file.goals) > 1 else "progress"
     words = {
-        each: {f"{each}.png": (CAPTIONS[each], CAPTIONS[each])}
-        for each in (stem, "parallel")
+        name: {f"{name}.png": (CAPTIONS[name], CAPTIONS[name])}
+        for name in (stem, "parallel")
     }
     still, parallel = map(report.figures, words.values())
     facts = [
@@ -112,7 +112,10 @@ def _chart_designs(study: Study, still: PageFigure | None = None) -> Chart:
     goals = [_column(study, goal.response) for goal in study.file.goals]
     order = [
         *goals,
-        *(each.column for each in (*study.file.responses, *study.file.variables)),
+        *(
+            response.column
+            for response in (*study.file.responses, *study.file.variables)
+        ),
     ]
     columns: dict[str, Any] = {"design": table["design"].astype(str).to_numpy()}
     axes = {"design, number": table["design"].to_numpy()} if len(goals) < 2 else {}
@@ -145,9 +148,9 @@ def study_json(study: Study) -> dict[str, Any]:
     table = study.table
     nearest = find_nearest(study)
     (converged, how) = judge_convergence(study)
-    found = find_bounds(study)
+    limits = find_bounds(study)
     bounds = [
-        {"parameter": b.variable.name, "end": b.end, "designs": b.count} for b in found
+        {"parameter": b.variable.name, "end": b.end, "designs": b.count} for b in limits
     ]
     return {
         "study": study.file.path,
@@ -232,9 +235,9 @@ def _describe_search(study: Study) -> list[str]:
         found = quantity(nearest.found, unit, 4)
         has = f"design {nearest.design + 1}, has {limit.response} {found}, wanted {limit.text}"
         lines.append(f"No design is feasible: the nearest, {has}")
-        made = int((~study.outcomes.failed).sum())
+        designs_made = int((~study.outcomes.failed).sum())
         lines += [
-            f"{limit.text}: met by {count or 'none'} of {made} designs"
+            f"{limit.text}: met by {count or 'none'} of {designs_made} designs"
             for limit, count in zip(study.file.limits, nearest.met, strict=True)
         ]
     elif len(study.designs) and study.outcomes.failed.all():
@@ -242,18 +245,18 @@ def _describe_search(study: Study) -> list[str]:
     if how:
         word = "converged" if converged else "did not converge: allow more designs"
         lines.append(f"the search {word} ({'; '.join(how)})")
-    for each in find_bounds(study):
-        value = each.variable.low if each.end == "lower" else each.variable.high
-        shown = quantity(value, each.variable.unit) if value is not None else ""
+    for margin in find_bounds(study):
+        value = margin.variable.low if margin.end == "lower" else margin.variable.high
+        shown = quantity(value, margin.variable.unit) if value is not None else ""
         many = len(study.best) > 1
         which = (
-            f"{each.count} of {len(study.best)} best designs"
+            f"{margin.count} of {len(study.best)} best designs"
             if many
             else "the best design"
         )
-        bound = f"{each.end} bound, {shown}"
+        bound = f"{margin.end} bound, {shown}"
         lines.append(
-            f"{each.variable.name} of {which} is at its {bound}: widen the range"
+            f"{margin.variable.name} of {which} is at its {bound}: widen the range"
         )
     return lines
 
@@ -274,18 +277,18 @@ def _design_row(file: StudyFile, design: Design, name: str) -> list[str]:
         value if isinstance(value, str) else quantity(value, v.unit)
         for v, value in zip(file.variables, design.values, strict=True)
     ]
-    found = zip(design.responses, file.responses, strict=True)
+    pairs = zip(design.responses, file.responses, strict=True)
     return [
         name,
         *values,
-        *(quantity(value, r.unit, 5) for value, r in found),
+        *(quantity(value, r.unit, 5) for value, r in pairs),
     ]
 
 
 def _choose_drawn(study: Study) -> np.ndarray:
     """Return the indices of the designs to draw: successful ones, evenly thinned, and the best."""
-    made = np.flatnonzero(~study.outcomes.failed)
-    thin = made[:: max(1, -(-len(made) // MOST_DRAWN))]
+    successful = np.flatnonzero(~study.outcomes.failed)
+    thin = successful[:: max(1, -(-len(successful) // MOST_DRAWN))]
     return np.union1d(thin, np.array(study.best[:MOST_DRAWN], dtype=thin.dtype))
 
 
@@ -396,7 +399,7 @@ def _parallel(study: Study) -> Figure | None:
                 "parse_math": False,
             }
             axes.text(place, height, text, ha="center", fontsize=7, **style)
-    names = [each.name for each in shown]
+    names = [design.name for design in shown]
     axes.set_xticks(range(len(shown)), names, fontsize=8, rotation=20, parse_math=False)
     axes.set_yticks([])
     axes.set_ylim(-0.1, 1.1)

@@ -21,9 +21,11 @@ if TYPE_CHECKING:
 
 def export_compensation(order: Order) -> Exported:
     """Return the tool's error over a grid about the poses."""
-    found = order.asked.configurations
+    configurations = order.asked.configurations
     mechanism = order.assembled.mechanism
-    grid = form_compensation(mechanism, found.poses, found.linkage.length)
+    grid = form_compensation(
+        mechanism, configurations.poses, configurations.linkage.length
+    )
     names = {
         f"beckhoff-{axis}{'' if len(levels(grid)) == 1 else f'-{level + 1}'}.lis": (
             axis,

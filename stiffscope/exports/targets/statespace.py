@@ -24,8 +24,8 @@ def export_statespace(order: Order) -> Exported:
     files = {}
     rows = []
     for k, name in enumerate(order.asked.names):
-        found = order.asked.configurations[np.array([k])]
-        model = form_state_space(mechanism, found, highest=order.highest)
+        configurations = order.asked.configurations[np.array([k])]
+        model = form_state_space(mechanism, configurations, highest=order.highest)
         stem = name if re.fullmatch(r"[A-Za-z][\w-]*", name) else f"pose-{k + 1}"
         files[stem] = {
             "A": model.a,
@@ -36,7 +36,7 @@ def export_statespace(order: Order) -> Exported:
             "outputs": np.array(model.outputs),
             "frequencies": model.frequencies,
             "damping": model.damping,
-            "pose": found.poses[0],
+            "pose": configurations.poses[0],
         }
         vibrating = model.frequencies[model.frequencies > 0.0]
         band = f"{vibrating.min():.4g} to {vibrating.max():.4g} Hz"

@@ -219,8 +219,8 @@ def _make_header(top: CampaignSection, source: Source) -> Header:
     _check_names(top)
     sensors: list[Sensor] = []
     for name, section in top.sensors.items():
-        made = _make_sensors(name, section, tuple(top.frames))
-        for sensor in made:
+        sensors_of = _make_sensors(name, section, tuple(top.frames))
+        for sensor in sensors_of:
             taken = _SHOWN if sensor.name in _RESERVED else "those of other sensors"
             twice = sensor.name in {other.name for other in sensors}
             require(
@@ -229,7 +229,7 @@ def _make_header(top: CampaignSection, source: Source) -> Header:
                 f"another name than {taken}",
                 show_value(sensor.name),
             )
-        sensors += made
+        sensors += sensors_of
     frames = tuple(
         InstrumentFrame(name, frame.pose, frame.sigma, frame.per)
         for name, frame in top.frames.items()

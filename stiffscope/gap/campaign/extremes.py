@@ -90,7 +90,7 @@ def inspect_mechanics(c: Campaign) -> Iterator[ReadingRemark]:
             _SURE * sigma, _SHARE * c.value[free]
         ):
             one, two = (
-                f"{c.value[each]:.4g} at {c.where(each)}" for each in (held, free)
+                f"{c.value[group]:.4g} at {c.where(group)}" for group in (held, free)
             )
             text = (
                 f"{c.what(held)} is {one}, below {c.what(free)} of {two} and one pose"

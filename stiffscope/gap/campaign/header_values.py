@@ -23,7 +23,7 @@ def _read_text(value: Any) -> str:
 
 def _read_texts(value: Any) -> tuple[str, ...]:
     listed = as_list(value) if isinstance(value, list | tuple) else [value]
-    valid = all(isinstance(each, str) and each for each in listed)
+    valid = all(isinstance(item, str) and item for item in listed)
     require(valid, "", "a text or a list of texts", show_value(value))
     return tuple(listed)
 

@@ -273,7 +273,7 @@ def coordinate(table: Table, header: Header, name: str) -> Array:
         (_PLACE,) if name in AXES[:3] else (_TURN,) if name in AXES else (_PLACE, _TURN)
     )
     unit = " or ".join(
-        {"m": "metres", "rad": "radians"}[each.unit] for each in dimensions
+        {"m": "metres", "rad": "radians"}[dimension.unit] for dimension in dimensions
     )
     values = numbers(table, name, expected=f"a finite number of {unit}")
     values = values * _factor(table, header, name, *dimensions)
@@ -345,22 +345,22 @@ def readings_in_si(
     kinds = kind_of(quantity)
     turns = DIRECTION_OF[quantity] // 3
     for kind, turn in {(int(k), int(t)) for k, t in zip(kinds, turns, strict=True)}:
-        mine = (kinds == kind) & (turns == turn)
+        rows = (kinds == kind) & (turns == turn)
         dimension = KINDS[kind].dimensions[turn]
         try:
             with np.errstate(over="ignore"):  # overflow is refused below
-                out[mine] *= to_si(f"1 {unit}", dimension) if unit else 1.0
+                out[rows] *= to_si(f"1 {unit}", dimension) if unit else 1.0
         except ValueError:
             if not _check_unit(table, header, str(unit), unit_of):
                 return out
-            row = int(np.argmax(mine))
+            row = int(np.argmax(rows))
             measured = "quantity" if table.column("quantity")[row] else "sensor"
             stated = f"measured in {unit}, as campaign.toml says of {unit_of}"
             message = f"a reading that is {stated}, not {dimension.noun}"
-            table.refuse_where(np.arange(len(mine)) == row, measured, message)
+            table.refuse_where(np.arange(len(rows)) == row, measured, message)
             continue
-        _check_most(table, column, np.where(mine, out, 0.0), dimension)
-        fine = mine & (out < dimension.least) & (out > 0.0)
+        _check_most(table, column, np.where(rows, out, 0.0), dimension)
+        fine = rows & (out < dimension.least) & (out > 0.0)
         if column == "sigma":
             message = f"an uncertainty of at least {dimension.least:g} {dimension.unit}"
             table.refuse_where(fine, column, message)
@@ -378,7 +378,7 @@ def _check_most(table: Table, column: str, values: Array, dimension: Dimension) 
 def _check_unit(table: Table, header: Header, unit: str, column: str) -> bool:
     """Return whether it is a unit of readings, after a note if it is not."""
     for dimension in (
-        *(each for kind in KINDS for each in kind.dimensions),
+        *(quantity for kind in KINDS for quantity in kind.dimensions),
         q.NUMBER,
     ):
         try:

@@ -186,7 +186,9 @@ def _check_points(
     """Raise InputError for points without responses, responses without points, and unknown bodies."""
     key = ("responses", setup.name, "points")
     used = dict.fromkeys(
-        end.point for each in read.responses for end in (each.force, each.motion)
+        end.point
+        for response in read.responses
+        for end in (response.force, response.motion)
     )
     stated = [point.name for point in setup.points]
     missing = [name for name in used if name not in stated]
@@ -238,13 +240,15 @@ def _configure(
     key = "joints" if setup.pose is None else "pose"
     where = ("responses", setup.name, key)
     if setup.pose is None:
-        found = configure_drives(mechanism, [_read_joints(campaign, setup, robot)])
+        configurations = configure_drives(
+            mechanism, [_read_joints(campaign, setup, robot)]
+        )
     else:
         pose = _read_pose(campaign, setup, robot)
-        found = configured_poses(robot, mechanism, [pose])
-    if not found.valid[0]:
-        raise campaign.refuse(where, found.refusal(0))
-    return found
+        configurations = configured_poses(robot, mechanism, [pose])
+    if not configurations.valid[0]:
+        raise campaign.refuse(where, configurations.refusal(0))
+    return configurations
 
 
 def _read_pose(

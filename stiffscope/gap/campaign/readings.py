@@ -213,7 +213,9 @@ def _read_rows(
     value = numbers(table, "value", empty=planned, expected="a finite reading in SI")
     value = readings_in_si(table, header, "value", value, keys.quantity)
     kind = kind_of(keys.quantity)
-    for called in dict.fromkeys(each.called for each in KINDS if each.is_positive):
+    for called in dict.fromkeys(
+        reading_kind.called for reading_kind in KINDS if reading_kind.is_positive
+    ):
         alike = by_code(lambda each, called=called: each.called == called)
         wrong = alike[keys.quantity] & (value <= 0)
         table.refuse_where(wrong, "value", f"a positive {called}")
@@ -285,8 +287,8 @@ def _read_predictions(
     convert = partial(
         readings_in_si, table, header, quantity=keys.quantity, unit_of="value"
     )
-    found = {name: read(name) for name in models}
-    values = np.stack([convert(name, each) for name, each in found.items()], axis=1)
+    columns = {name: read(name) for name in models}
+    values = np.stack([convert(name, each) for name, each in columns.items()], axis=1)
     by_session = "session" in table.columns
     row_of: dict[tuple[Any, ...], int] = {}
     for row, key in enumerate(keys.identities(sessions=by_session)):

@@ -131,27 +131,27 @@ def read_lines(
         Standard deviation of the window of a local mean, relative to frequency; 0: lines.
     """
     blocks = list[ResponseBlock]()
-    heard = [each for each in measured.responses if each.receptance.any()]
+    heard = [response for response in measured.responses if response.receptance.any()]
     for responses in _group_by_lines(heard):
-        own = replace(measured, responses=tuple(responses))
+        selected = replace(measured, responses=tuple(responses))
         scatter = np.array(
-            [find_scatter(each, measured.setup.averages) for each in responses]
+            [find_scatter(response, measured.setup.averages) for response in responses]
         )
-        level = np.max([np.abs(each.receptance) for each in responses], axis=0)
+        level = np.max([np.abs(response.receptance) for response in responses], axis=0)
         scatter = np.maximum(scatter, settings.rounding * level)
-        damping = max(own.find_damping(), settings.least_damping)
+        damping = max(selected.find_damping(), settings.least_damping)
         find = _find_means if width else _find_lines
-        blocks.append(find(own, scatter, damping, width, settings))
+        blocks.append(find(selected, scatter, damping, width, settings))
     return tuple(blocks)
 
 
 def find_silent(measured: MeasuredResponses) -> tuple[str, ...]:
     """Return a remark on each response of a set-up that is zero at every line."""
     return tuple(
-        f"{each.source}: response {each.force} to {each.motion} is zero at every line: "
+        f"{response.source}: response {response.force} to {response.motion} is zero at every line: "
         "left out"
-        for each in measured.responses
-        if not each.receptance.any()
+        for response in measured.responses
+        if not response.receptance.any()
     )
 
 
@@ -273,7 +273,7 @@ def join_responses(campaign: Campaign, blocks: Sequence[ResponseBlock]) -> Campa
         measured = block.measured
         name = measured.setup.name
         lines = block.value.shape[1]
-        axes = np.array([each.motion.axis for each in measured.responses])
+        axes = np.array([response.motion.axis for response in measured.responses])
         code = CODE_ALONG[number_of(RESPONSE)][np.tile(np.repeat(axes, lines), 2)]
         n = len(code)
         add(
@@ -318,8 +318,8 @@ def place_at_responses(
     campaign: Campaign, responses: Sequence[MeasuredResponses]
 ) -> Campaign:
     """Return a campaign without readings at the poses of its responses."""
-    found = [measured.configuration for measured in responses]
-    axes = found[0].mechanism.tool.commanded_axes
-    poses = np.array([each.tool[0, axes] for each in found])
+    configurations = [measured.configuration for measured in responses]
+    axes = configurations[0].mechanism.tool.commanded_axes
+    poses = np.array([line.tool[0, axes] for line in configurations])
     names = tuple(measured.setup.name for measured in responses)
     return replace(campaign, poses=poses, pose_names=names)

@@ -97,18 +97,18 @@ def inspect_readings(campaign: Campaign, predicted: Array) -> tuple[ReadingRemar
     tuple of ReadingRemark
         Remarks by channel; empty if nothing is doubtful.
     """
-    found = [*_inspect_loads(campaign), *_find_far(campaign, predicted)]
-    found += _find_contradictions(campaign)
-    far = {remark.instrument for remark in found if remark.doubt == "outlier"}
+    remarks = [*_inspect_loads(campaign), *_find_far(campaign, predicted)]
+    remarks += _find_contradictions(campaign)
+    far = {remark.instrument for remark in remarks if remark.doubt == "outlier"}
     channels = [(name, rows) for name, rows in _channels(campaign) if name not in far]
     looks = _look_at_all(campaign, channels, predicted)
     for (name, rows), look in zip(channels, looks, strict=True):
-        found += _inspect_channel(campaign, predicted, name, rows, look)
-    return (*found, *_find_copied(campaign, channels))
+        remarks += _inspect_channel(campaign, predicted, name, rows, look)
+    return (*remarks, *_find_copied(campaign, channels))
 
 
 def inspect_ranges(
-    c: Campaign, mechanism: Mechanism, found: Configurations
+    c: Campaign, mechanism: Mechanism, configurations: Configurations
 ) -> tuple[ReadingRemark, ...]:
     """Return a remark on the first reading at a pose beyond the range of a drive, if there is one.
 
@@ -118,10 +118,10 @@ def inspect_ranges(
         The campaign with p poses.
     mechanism
         The nominal robot with the ranges of its drives.
-    found
+    configurations
         The robot at the p poses, reached whatever the ranges.
     """
-    limited = limit_drives(found, mechanism, SANITY.rounded)
+    limited = limit_drives(configurations, mechanism, SANITY.rounded)
     rows = np.flatnonzero(~limited.valid[c.pose])
     if not len(rows):
         return ()
@@ -464,15 +464,16 @@ def _find_jump(
     clipped = clipped - columns @ (columns.T @ clipped)
     before = np.arange(SANITY.side, count - SANITY.side + 1)
     pull, shared = (
-        np.cumsum(each[::-1], axis=0)[::-1][before] for each in (clipped, columns)
+        np.cumsum(doubt[::-1], axis=0)[::-1][before] for doubt in (clipped, columns)
     )
-    own = (
+    remaining = (
         count - before - np.sum(shared**2, axis=1)
     )  # of a step, what the columns do not follow
     place = int(
         before[
             np.argmax(
-                pull**2 / own.clip(min=SANITY.own * np.minimum(before, count - before))
+                pull**2
+                / remaining.clip(min=SANITY.own * np.minimum(before, count - before))
             )
         ]
     )

@@ -57,14 +57,14 @@ def find_scatter(campaign: Campaign, rows: Indices, size: Array) -> tuple[float,
     ladder = np.column_stack([*words, along])[rows]
     groups = np.unique(ladder, axis=0, return_inverse=True)[1].ravel()
     for group in range(int(groups.max(initial=-1)) + 1):
-        mine = rows[groups == group]
-        x = (sign * force)[mine]
+        members = rows[groups == group]
+        x = (sign * force)[members]
         steps, which = np.unique(x, return_inverse=True)
         which = which.ravel()
         repeats: Array = np.bincount(which).astype(float)
-        mean = np.bincount(which, value[mine]) / repeats
-        squares += float(np.sum((value[mine] - mean[which]) ** 2))
-        count += len(mine) - len(steps)
+        mean = np.bincount(which, value[members]) / repeats
+        squares += float(np.sum((value[members] - mean[which]) ** 2))
+        count += len(members) - len(steps)
         left, spare = _leave_smooth(steps, mean, repeats)
         squares += left
         count += spare

@@ -199,7 +199,7 @@ def _columns(robot: RobotFile, plan: Plan) -> dict[str, list[str]]:
         (hook, force) = plan.pulls[pull]
         sensor = plan.sensors[which]
         load = (
-            [plan.hooks[hook].name, *(f"{each:g}" for each in force)]
+            [plan.hooks[hook].name, *(f"{component:g}" for component in force)]
             if hook >= 0
             else [""] * 4
         )

@@ -60,11 +60,11 @@ class JointCompliance(ElementEffect):
     def candidates(cls, setting: Setting) -> Candidates:
         """Yield candidates at all joints except driven slides, in their constrained directions."""
         joints = setting.robot.mechanism.joints
-        own = setting.in_robots_units(cls.parameters)
+        parameters = setting.in_robots_units(cls.parameters)
         bearings = [j for j in joints if j.kind != "prismatic" or j.drive is None]
         held = {j.name: held_patterns(j) for j in bearings}
         for place in setting.robot.places(held):
-            known, patterns = pick_patterns(held, place, own)
+            known, patterns = pick_patterns(held, place, parameters)
             yield cls(partial(add_diagonal, patterns)).make_candidate(place, known)
             if [p.name for p in known[:2]] == ["radial", "axial"]:
                 alike = {

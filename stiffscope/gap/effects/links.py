@@ -190,12 +190,14 @@ class LinkStiffness(ElementEffect):
         robot = setting.robot
         for place in robot.places(yielding_bodies(robot)):
             if place.name not in PartCompliance.named:
-                found = cls(partial(soften, robot, place.members)).make_candidate(place)
+                candidate = cls(partial(soften, robot, place.members)).make_candidate(
+                    place
+                )
                 names = (
                     f"{PartCompliance.word} @ {name}"
                     for name in (place.name, *place.others)
                 )
-                yield replace(found, aliases=(*found.aliases, *names))
+                yield replace(candidate, aliases=(*candidate.aliases, *names))
 
 
 @dataclass(frozen=True)

@@ -123,7 +123,7 @@ class _Value:
             return 1.0 / (values * _FOUNDATION_UNIT)
         ratio = (values - of.limit) / (of.nominal - of.limit)
         if not (ratio > 0.0).all():
-            limit, got = (f"{each:g} {of.unit}" for each in (of.limit, values[0]))
+            limit, got = (f"{length:g} {of.unit}" for length in (of.limit, values[0]))
             expected = (
                 f"expected a value to the other side of {limit}, where nothing is left"
             )

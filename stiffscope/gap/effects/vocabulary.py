@@ -30,19 +30,19 @@ if TYPE_CHECKING:
 
 def _find_kinds() -> tuple[type[Effect], ...]:
     """Return the effect classes, sorted by precedence."""
-    found: dict[str, type[Effect]] = {}
+    by_word: dict[str, type[Effect]] = {}
     for module in pkgutil.iter_modules(stiffscope.gap.effects.__path__):
         if module.name != "vocabulary":
-            for each in vars(
+            for value in vars(
                 importlib.import_module(f"stiffscope.gap.effects.{module.name}")
             ).values():
                 if (
-                    isinstance(each, type)
-                    and issubclass(each, Effect)
-                    and "word" in vars(each)
+                    isinstance(value, type)
+                    and issubclass(value, Effect)
+                    and "word" in vars(value)
                 ):
-                    found[each.word] = each
-    return tuple(sorted(found.values(), key=lambda kind: kind.precedence))
+                    by_word[value.word] = value
+    return tuple(sorted(by_word.values(), key=lambda kind: kind.precedence))
 
 
 KINDS = _find_kinds()
@@ -127,11 +127,11 @@ def _find_candidate(
     fitting = [c for c in placed if set(given) <= set(c.parts or c.names)]
     names = ", ".join(placed[0].parts or placed[0].names) or "none"
     require(fitting, effect, f"parameters {names}", ", ".join(given))
-    found = min(fitting, key=lambda c: len(c.names))
+    candidate = min(fitting, key=lambda c: len(c.names))
     kind = _KIND_OF[effect]
-    if isinstance(found.action, kind) or kind.conversion is None:
-        return found
-    return replace(found, physical=kind.conversion[0], internal=kind.conversion[1])
+    if isinstance(candidate.action, kind) or kind.conversion is None:
+        return candidate
+    return replace(candidate, physical=kind.conversion[0], internal=kind.conversion[1])
 
 
 def apply_effects(mechanism: Mechanism, robot: RobotFile) -> Mechanism:

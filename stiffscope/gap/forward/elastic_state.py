@@ -106,7 +106,7 @@ class ElasticState:
     @property
     def _is_displaced(self) -> bool:
         """Whether geometric errors displace the unloaded robot."""
-        changes = (change for each in self.changes for change in each.values())
+        changes = (change for name in self.changes for change in name.values())
         return self.at.is_displaced or any(c.displaces or c.spring for c in changes)
 
     @cached_property
@@ -249,15 +249,17 @@ class ElasticState:
         mode = MODE_OF[c.quantity]
         count = int(mode.max()) + 1
         most = count + int(SPARE_MODES_OF[c.quantity].max())
-        found = modes(self.loaded_mechanism, at.configurations[at.shaken], most)
-        read = found.frequencies[:, :count]
+        vibration_modes = modes(
+            self.loaded_mechanism, at.configurations[at.shaken], most
+        )
+        read = vibration_modes.frequencies[:, :count]
         if read.shape[1] < count or np.isnan(read).any():
             row = int(np.argmax(mode >= 0))
             where = f"{c.where(row)}: quantity"
             raise InputError(
                 f"{where}: expected one of the modes that the robot has, got f{count}"
             )
-        return found
+        return vibration_modes
 
     @cached_property
     def loaded_mechanism(self) -> Mechanism:
@@ -272,13 +274,15 @@ class ElasticState:
     @cached_property
     def _inertial_equilibrium(self) -> Response:
         """Equilibrium under the inertial loads ``ω² M v`` of each mode v, at maximum deflection."""
-        found = self._modes.configurations
+        configurations = self._modes.configurations
         where = place_nodes(self._modes.configurations)
         squares = np.square(2.0 * np.pi * self.frequencies)[:, None]
         inertia = find_inertial_forces(self.loaded_mechanism, where, self._modes.shapes)
         forces = {node: force * squares for node, force in inertia.items()}
         loads = Loads(squares.shape[2], forces, balanced=1.0)
-        return solve_loads(find_order(self.mechanism, found.linkage), where, loads)
+        return solve_loads(
+            find_order(self.mechanism, configurations.linkage), where, loads
+        )
 
     def load_modes(self, name: str) -> Array:
         """Return wrenches (s, 6m, c) on an element, own axes, in each mode of 1 kg modal mass."""
@@ -323,10 +327,10 @@ class Softened:
         for name, state in self.sound.elements.items():
             carried, across, rates = state.carried, state.across, state.rates
             for cut, slip in zip(self.cuts, self.slips, strict=True):
-                own = cut.elements[name]
-                carried = carried + own.carried @ slip
-                across = across + own.across @ slip
-                rates = rates + own.rates @ slip
+                element = cut.elements[name]
+                carried = carried + element.carried @ slip
+                across = across + element.across @ slip
+                rates = rates + element.rates @ slip
             yield ElementState(state.element, state.where, carried, across, rates)
 
     def find_wrench(self, rows: Sequence[str]) -> Array:

@@ -101,7 +101,7 @@ def find_share(elastic: Elastic, share: float) -> Array:
     for k, (i, j) in enumerate(pairs):
         basis[k, i, j] = basis[k, j, i] = 1.0
     along = away / length
-    terms = np.array([_gather(each, along, 1.0) for each in basis])
+    terms = np.array([_gather(vector, along, 1.0) for vector in basis])
     local = np.linalg.lstsq(terms.reshape(len(pairs), 36).T, whole.ravel())[0]
     strain = np.tensordot(local, basis, axes=1)
     partial = _gather(strain, along, share)

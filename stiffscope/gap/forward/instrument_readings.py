@@ -41,10 +41,10 @@ class InstrumentReadings:
         if sensor not in self._instruments:
             scale = 1.0
             (x, y, z) = np.zeros(3)
-            for each in self.influences:
+            for influence in self.influences:
                 for name in self._names_of(sensor):
-                    scale *= 1.0 + each.gains.get(name, 0.0)
-                    x, y, z = np.array([x, y, z]) + each.turns.get(name, 0.0)
+                    scale *= 1.0 + influence.gains.get(name, 0.0)
+                    x, y, z = np.array([x, y, z]) + influence.turns.get(name, 0.0)
             turn = np.eye(3) + np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
             self._instruments[sensor] = scale * np.kron(np.eye(2), turn)
         return self._instruments[sensor]
@@ -55,9 +55,9 @@ class InstrumentReadings:
 
     def _names_of(self, sensor: int) -> tuple[str, ...]:
         """Return names of an instrument in effects; `instrument` is all if nothing is read at M."""
-        own = [] if sensor < 0 else [self.campaign.sensors[sensor].name]
+        sensor_names = [] if sensor < 0 else [self.campaign.sensors[sensor].name]
         common = [INSTRUMENT] if sensor < 0 or not self.at_tool.any() else []
-        return tuple(dict.fromkeys(own + common))
+        return tuple(dict.fromkeys(sensor_names + common))
 
     def gain(self, sensor: int) -> float:
         """Return the mean gain of an instrument over all directions."""
@@ -66,7 +66,9 @@ class InstrumentReadings:
     def gain_of(self, name: str) -> float:
         """Return the ratio of shown to true motion of a named instrument."""
         return float(
-            np.prod([1.0 + each.gains.get(name, 0.0) for each in self.influences])
+            np.prod(
+                [1.0 + influence.gains.get(name, 0.0) for influence in self.influences]
+            )
         )
 
     @cached_property

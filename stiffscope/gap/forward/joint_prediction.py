@@ -144,9 +144,9 @@ class JointPrediction:
             return None
         where = sound.modal.system.where
         inertias = [
-            AddedInertia(each.body, each.at, spread_inertia(each, where))
-            for each in payloads
-            if each.mass or each.moments.any()
+            AddedInertia(payload.body, payload.at, spread_inertia(payload, where))
+            for payload in payloads
+            if payload.mass or payload.moments.any()
         ]
         for point in measured.setup.points:
             mass = extra.get(point.name, 0.0)
@@ -204,16 +204,16 @@ class JointPrediction:
         stiffer = dict[str, "Array"]()
         for name in moved.elements:
             for kind, into in (("compliance", softer), ("spring", stiffer)):
-                mine, rates = moved.find_rates(name, kind)
-                if len(mine):
+                rows, rates = moved.find_rates(name, kind)
+                if len(rows):
                     whole = np.zeros((count, *rates.shape[1:]))
-                    whole[mine] = rates
+                    whole[rows] = rates
                     into[name] = whole
         out = state.soften(softer, count) + state.stiffen(stiffer, count)
         loaded = [_find_payloads(step) for step in steps]
-        most = max((len(each) for each in loaded), default=0)
+        most = max((len(node) for node in loaded), default=0)
         for k in range(most):
-            one = [each[k] if k < len(each) else None for each in loaded]
+            one = [node[k] if k < len(node) else None for node in loaded]
             out = out + state.load(one, count)
         measured = state.block.measured
         for point in measured.setup.points:
@@ -248,5 +248,5 @@ def _find_payloads(step: Step) -> list[MassRate]:
 
 def _find_mass_rate(step: Step, point: str) -> float:
     (ahead, behind, width) = step
-    more, less = (each.sensor_masses.get(point, 0.0) for each in (ahead, behind))
+    more, less = (state.sensor_masses.get(point, 0.0) for state in (ahead, behind))
     return (more - less) / width

@@ -43,22 +43,22 @@ def find_misread(at: RobotAtPoses) -> Iterator[tuple[str, InputError]]:
     )
     for name in np.unique(names).tolist():
         part = Instruments(c.select(rows[names == name]))
-        targets = [each[read][names == name] for each in every]
-        own = _misfit(part, targets, 1.0)
-        if own < _LARGE * size:
+        targets = [sensor[read][names == name] for sensor in every]
+        misfit = _misfit(part, targets, 1.0)
+        if misfit < _LARGE * size:
             continue
         right, cause = min(
             (_misfit(part, targets, factor), cause)
             for factor, cause in _MISREAD.items()
         )
-        fits = right < min(_RIGHT * own, _LARGE * size)
-        if fits or own > _WILD * size:
+        fits = right < min(_RIGHT * misfit, _LARGE * size)
+        if fits or misfit > _WILD * size:
             meant = (
                 f"and {right:.2g} m if {cause}"
                 if fits
                 else "no error of a robot: wrong poses, rows or frame"
             )
-            got = f"ones {own:.2g} m off it, {meant}?"
+            got = f"ones {misfit:.2g} m off it, {meant}?"
             yield (
                 name,
                 c.refuse(

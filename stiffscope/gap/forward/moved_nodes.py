@@ -129,16 +129,16 @@ def _bend_frame(
     Its rotations about x, y, z succeed each other: the first turns the axes of those after it.
     """
     places = readings.elastic_state.places
-    own = places.axes(element.carrier, element.axes)
-    own = own[readings.campaign.pose] if len(own) > 1 else own
+    frame = places.axes(element.carrier, element.axes)
+    frame = frame[readings.campaign.pose] if len(frame) > 1 else frame
     bent = np.zeros((len(arm), 3))
     for twist, wrench in ((across[1], carried[0]), (across[0], carried[1])):
         moment = wrench[:, 3:] - cross(arm, wrench[:, :3])
-        (_, y, z) = np.einsum("nji,nj->in", own, twist[:, 3:])
-        (by_x, by_y, by_z) = np.einsum("nji,nj->in", own, moment)
+        (_, y, z) = np.einsum("nji,nj->in", frame, twist[:, 3:])
+        (by_x, by_y, by_z) = np.einsum("nji,nj->in", frame, moment)
         bent[:, 0] += y * by_z - z * by_y
         bent[:, 1] += z * by_x
-    return (own @ bent[..., None])[..., 0]
+    return (frame @ bent[..., None])[..., 0]
 
 
 def find_late_motion(state: ElementState) -> Array | None:

@@ -341,13 +341,13 @@ def _play(across: Mapping[str, Array], prediction: RobotReadings) -> Array:
     """Return columns of play towards the force: round, and separate along each axis."""
     columns = np.zeros((len(prediction.campaign), 2))
     for name, axes in across.items():
-        read, force = (each * axes for each in prediction.find_wrenches(name))
+        read, force = (wrench * axes for wrench in prediction.find_wrenches(name))
         signs = prediction.find_signs(force)
         size = np.linalg.norm(force, axis=1, keepdims=True)
         unit = force / np.where(size > 0.0, size, 1.0)
         round_gap = np.where(signs.any(axis=1, keepdims=True), unit, 0.0)
         columns += np.stack(
-            [np.sum(read * each, axis=1) for each in (round_gap, signs)], axis=1
+            [np.sum(read * array, axis=1) for array in (round_gap, signs)], axis=1
         )
     return columns
 
@@ -366,7 +366,7 @@ def _make_yielding(across: Mapping[str, Array], prediction: RobotReadings) -> Ar
     columns = np.zeros((len(c), 3))
     still = c.shows_rest[:, None]
     for name, axes in across.items():
-        read, force = (each * axes for each in prediction.find_wrenches(name))
+        read, force = (wrench * axes for wrench in prediction.find_wrenches(name))
         rest = (
             np.where(still, 0.0, prediction.find_rest_wrench(name) * axes) / _LIKE_FORCE
         )

@@ -69,12 +69,12 @@ def _mistaken(nominal: RobotReadings, swap: Swap, noise: Noise) -> list[str]:
     c = nominal.campaign
     out: list[str] = []
     for kind, other, told, meant, held in _SWAPS:
-        mine = np.flatnonzero((c.kind == kind) & noise.used)
-        if not mine.size:
+        rows = np.flatnonzero((c.kind == kind) & noise.used)
+        if not rows.size:
             continue
         left = (c.value - nominal.plain_readings, c.value - swap(kind, other))
         now, then = (
-            float(np.sum((each[mine] / noise.sigma[mine]) ** 2)) for each in left
+            float(np.sum((remark[rows] / noise.sigma[rows]) ** 2)) for remark in left
         )
         if then < _OVERTAKES * now and now - then > _EVIDENT:
             better = f"fit far better as {meant}.., with all other motions {held}"

@@ -71,7 +71,7 @@ def predict_responses(
     InputError
         If a point moves freely without inertia.
     """
-    ends = [end for each in measured.responses for end in (each.force, each.motion)]
+    ends = [end for line in measured.responses for end in (line.force, line.motion)]
     directions = list(dict.fromkeys(ends))
     ports = [
         Port(
@@ -97,8 +97,8 @@ def predict_responses(
     for alike in _group_by_lines(measured.responses):
         responses = [measured.responses[k] for k in alike]
         pairs = [
-            (directions.index(each.force), directions.index(each.motion))
-            for each in responses
+            (directions.index(line.force), directions.index(line.motion))
+            for line in responses
         ]
         hertz = responses[0].frequency
         values = superpose_modes(modal, pairs, hertz, damping, decay=measured.decay)

@@ -273,8 +273,8 @@ class _Damping:
     def find_distance(self, count: int, limits: NuisanceSettings) -> Array:
         """Return all nuisances (count,), damping first, from the usual ones in prior sizes."""
         out = np.zeros(count)
-        own = np.log(self.ratios[self.fitted] / self.usual) / limits.damping
-        both = np.concatenate([own, self.coupling / limits.coupling])
+        log_ratios = np.log(self.ratios[self.fitted] / self.usual) / limits.damping
+        both = np.concatenate([log_ratios, self.coupling / limits.coupling])
         out[: len(both)] = both
         return out
 
@@ -305,8 +305,8 @@ class _Damping:
             if size:
                 both = joined.get(i, {i}) | joined.get(j, {j})
                 joined.update(dict.fromkeys(both, both))
-        distinct = {min(each): each for each in joined.values()}
-        return [np.array(sorted(each)) for each in distinct.values()]
+        distinct = {min(block): block for block in joined.values()}
+        return [np.array(sorted(block)) for block in distinct.values()]
 
     def couple(self, cluster: Indices, critical: Array) -> Array:
         """Return the damping matrix (n, n) between the modes of a cluster, without its diagonal."""
@@ -501,17 +501,17 @@ class ResponseState:
     @cached_property
     def _crossing(self) -> list[tuple[Array, Array]]:
         """Displacements along two directions square to each port's."""
-        own = self.directions[:, :3] + self.directions[:, 3:]
-        least = np.eye(3)[np.argmin(np.abs(own), axis=1)]
-        second = np.cross(own, least)
+        sums = self.directions[:, :3] + self.directions[:, 3:]
+        least = np.eye(3)[np.argmin(np.abs(sums), axis=1)]
+        second = np.cross(sums, least)
         second = second / np.linalg.norm(second, axis=1, keepdims=True)
-        third = np.cross(own, second)
+        third = np.cross(sums, second)
         turns: Flags = np.any(self.directions[:, 3:] != 0.0, axis=1, keepdims=True)
         return [
             self._project(
-                np.hstack([np.where(turns, 0.0, each), np.where(turns, each, 0.0)])
+                np.hstack([np.where(turns, 0.0, order), np.where(turns, order, 0.0)])
             )
-            for each in (second, third)
+            for order in (second, third)
         ]
 
     @cached_property
@@ -563,23 +563,23 @@ class ResponseState:
         """Usual damping of the near modes; fitted are those that are heard in or beside the band."""
         lines = self.block.frequency
         limits = self.settings
-        found = self.frequencies[self._near]
+        hertz = self.frequencies[self._near]
         ratio = self.block.damping
-        beside = (found > lines[0] / limits.beside) & (
-            found < lines[-1] * limits.beside
+        beside = (hertz > lines[0] / limits.beside) & (
+            hertz < lines[-1] * limits.beside
         )
         modes = np.flatnonzero(beside)
         # the peak of each mode, 1/(2 ζ k), in the responses over their noise nearby
-        at = np.abs(np.log(found[modes, None] / lines)).argmin(axis=1)
+        at = np.abs(np.log(hertz[modes, None] / lines)).argmin(axis=1)
         force, motion = self.pairs.T
-        own = self._near[modes]
-        part = self.ports[force][:, own] * self.ports[motion][:, own]
-        peak = np.abs(part) / (2.0 * ratio * self.modes.stiffness[own])
+        nearest = self._near[modes]
+        part = self.ports[force][:, nearest] * self.ports[motion][:, nearest]
+        peak = np.abs(part) / (2.0 * ratio * self.modes.stiffness[nearest])
         heard = np.any(peak > limits.heard * self.block.noise[:, at], axis=0)
         fitted = modes[heard]
-        apart = np.abs(np.log(found[fitted, None] / found[fitted]))
+        apart = np.abs(np.log(hertz[fitted, None] / hertz[fitted]))
         close = np.argwhere(np.triu(apart < limits.close * ratio, 1))
-        ratios = np.full(len(found), ratio)
+        ratios = np.full(len(hertz), ratio)
         return _Damping(ratios, fitted, fitted[close], np.zeros(len(close)), ratio)
 
     @cached_property
@@ -634,8 +634,8 @@ class ResponseState:
         """Amplitudes (d, p, f) of the modes under unit forces at the ports."""
         mass = self.modes.mass[:, None]
         stiffness = self.modes.stiffness[:, None]
-        own = 1.0 / (stiffness + self.s**2 * mass)
-        out = own[:, None] * self.ports.T[..., None]
+        modal_response = 1.0 / (stiffness + self.s**2 * mass)
+        out = modal_response[:, None] * self.ports.T[..., None]
         out[self._near] = self._fitted.amplitudes
         return out
 
@@ -659,14 +659,14 @@ class ResponseState:
         mass = self.modes.mass[near, None]
         stiffness = self.modes.stiffness[near, None]
         loss = (damping.ratios * self._loss)[:, None]
-        own = 1.0 / (stiffness + s * (loss + s * mass))
+        modal_response = 1.0 / (stiffness + s * (loss + s * mass))
         ports = self.ports[:, near]
-        out = own[:, None] * ports.T[..., None]
+        out = modal_response[:, None] * ports.T[..., None]
         for cluster in damping.find_clusters():
             whole = damping.couple(cluster, self._loss)
             dynamic = s[:, None, None] * whole
             at = np.arange(len(cluster))
-            dynamic[:, at, at] = 1.0 / own[cluster].T
+            dynamic[:, at, at] = 1.0 / modal_response[cluster].T
             forces = np.broadcast_to(
                 ports.T[cluster].astype(complex),
                 (len(s), len(cluster), len(ports)),
@@ -776,8 +776,8 @@ class ResponseState:
         """Return wrenches (6m, p, f) in an element, own axes, under unit forces at the ports."""
         key = "wrench", name
         if key not in self._fields:
-            found = self.modes.find_wrenches(name, self._forces)
-            self._fields[key] = self._carry(*found)
+            wrenches = self.modes.find_wrenches(name, self._forces)
+            self._fields[key] = self._carry(*wrenches)
         return self._fields[key]
 
     def find_motion(self, name: str) -> Complex:
@@ -785,8 +785,8 @@ class ResponseState:
         key = "motion", name
         if key not in self._fields:
             alone = self if self.changed is None else replace(self, changed=None)
-            found = alone.solved.find_motions(name, alone._forces)  # noqa: SLF001
-            self._fields[key] = alone._carry(*found)  # noqa: SLF001
+            motions = alone.solved.find_motions(name, alone._forces)  # noqa: SLF001
+            self._fields[key] = alone._carry(*motions)  # noqa: SLF001
         return self._fields[key]
 
     def _pair(self, acts: Complex, rates: Array) -> Complex:

@@ -186,13 +186,13 @@ class RobotAtPoses:
     def configurations(self) -> Configurations:
         """The robot at its poses. Raises InputError for an unreachable pose."""
         c = self.campaign
-        found = configure_robot(self.mechanism, c.coordinates, c.poses)
-        bad = np.flatnonzero(~found.valid)
+        at_poses = configure_robot(self.mechanism, c.coordinates, c.poses)
+        bad = np.flatnonzero(~at_poses.valid)
         if bad.size:
-            raise self._out_of_reach(int(bad[0]), found)
-        return found
+            raise self._out_of_reach(int(bad[0]), at_poses)
+        return at_poses
 
-    def _out_of_reach(self, pose: int, found: Configurations) -> InputError:
+    def _out_of_reach(self, pose: int, configurations: Configurations) -> InputError:
         """Return an error with the line and column of a pose, and the unit probably intended."""
         c = self.campaign
         where = c.where(int(np.argmax(c.pose == pose)))
@@ -217,7 +217,7 @@ class RobotAtPoses:
         field = (
             ", ".join(c.coordinates) if c.pose_names[pose].startswith("(") else "pose"
         )
-        got = f"{c.pose_names[pose]}: {found.reason(pose)}"
+        got = f"{c.pose_names[pose]}: {configurations.reason(pose)}"
         return InputError(
             f"{where}: {field}: expected a pose that the robot reaches, got {got}"
         )
@@ -239,14 +239,16 @@ class RobotAtPoses:
         points = np.zeros((len(rows), 3))
         turns = np.zeros((len(rows), 3, 3))
         for k, sensor in enumerate(c.sensors):
-            mine = np.flatnonzero(c.sensor[rows] == k)
-            if mine.size:
+            rows_of = np.flatnonzero(c.sensor[rows] == k)
+            if rows_of.size:
                 body = FOOT if sensor.body == GROUND else sensor.body
                 count = len(c.poses)
-                pose = c.pose[rows[mine]]
+                pose = c.pose[rows[rows_of]]
                 there = where.point(body, np.array(sensor.at))
-                points[mine] = np.broadcast_to(there, (count, 3))[pose]
-                turns[mine] = np.broadcast_to(where.rotation[body], (count, 3, 3))[pose]
+                points[rows_of] = np.broadcast_to(there, (count, 3))[pose]
+                turns[rows_of] = np.broadcast_to(where.rotation[body], (count, 3, 3))[
+                    pose
+                ]
         return points, turns
 
     @property
@@ -261,9 +263,11 @@ class RobotAtPoses:
         targets = dict[str, slice]()
         for sensor in self.campaign.sensors:
             end = max(each.stop for each in out)
-            own = slice(end, end + (6 if sensor.absolute else 1))
+            columns = slice(end, end + (6 if sensor.absolute else 1))
             name = sensor.target or sensor.name
-            out.append(targets.setdefault(name, own) if sensor.absolute else own)
+            out.append(
+                targets.setdefault(name, columns) if sensor.absolute else columns
+            )
         return [*out, slice(6, max(each.stop for each in out))]
 
     def load_cases(self, load: int) -> slice:
@@ -326,10 +330,10 @@ class RobotAtPoses:
     @cached_property
     def _firm(self) -> bool:
         """Whether the tool supports every wrench at M."""
-        found = self.configurations[:1]
-        order = find_order(self.mechanism, found.linkage)
+        first = self.configurations[:1]
+        order = find_order(self.mechanism, first.linkage)
         try:
-            solve_loads(order, place_nodes(found), Loads(6, {END: np.eye(6)[None]}))
+            solve_loads(order, place_nodes(first), Loads(6, {END: np.eye(6)[None]}))
         except InputError:
             return False
         return True
@@ -369,7 +373,7 @@ class RobotAtPoses:
         def at_point(
             node: str, wrench: Array, cases: slice, body: str, home: Array
         ) -> Push:
-            node, body = (FOOT if each == GROUND else each for each in (node, body))
+            node, body = (FOOT if name == GROUND else name for name in (node, body))
             return Push(node, wrench, cases, body, where.point(body, home))
 
         yield at_point(END, np.eye(6)[None], _TOOL, END, mechanism.tool.at)
@@ -399,9 +403,9 @@ class RobotAtPoses:
     @cached_property
     def weight_stiffness(self) -> Array:
         """Change (p, 6, 6) of the stiffness at M by the robot's own weight."""
-        found = self.configurations
-        return stiffness(self.mechanism, found, gravity="exact") - stiffness(
-            self.mechanism, found
+        configurations = self.configurations
+        return stiffness(self.mechanism, configurations, gravity="exact") - stiffness(
+            self.mechanism, configurations
         )
 
     @cached_property

@@ -117,11 +117,11 @@ class RobotPrediction(RobotReadings):
             here = np.array(next(known, np.zeros(len(sizes))))
             within = here + 2.0 * sizes * candidate.one_sided  # its range
             return Steps.of(action, within, sizes)
-        kept = self.at.linear_steps
-        if id(action) not in kept:
+        linear_steps = self.at.linear_steps
+        if id(action) not in linear_steps:
             # holding the action keeps its id its own
-            kept[id(action)] = action, Steps.of(action, 0.0 * sizes, sizes)
-        return kept[id(action)][1]
+            linear_steps[id(action)] = action, Steps.of(action, 0.0 * sizes, sizes)
+        return linear_steps[id(action)][1]
 
     def step(self, candidate: Candidate) -> Array:
         """Return the change (n,) by a candidate without parameters: weight, unit or sign."""

@@ -170,9 +170,9 @@ class _Equilibria:
         at_tool = cells[:, 1] < 0
         add(END, np.where(at_tool[:, None, None], force, 0.0))
         for k, load in enumerate(r.campaign.loads):
-            mine = np.where((cells[:, 1] == k)[:, None, None], force, 0.0)
-            if mine.any():
-                add(load.body, wrenches_at(where, load.body, load.at) @ mine)
+            forces = np.where((cells[:, 1] == k)[:, None, None], force, 0.0)
+            if forces.any():
+                add(load.body, wrenches_at(where, load.body, load.at) @ forces)
         if r.weighs:
             gravity = mechanism.gravity
             for node, mass in lump_masses(mechanism, where).items():

@@ -47,22 +47,22 @@ class Steps:
 
     @cached_property
     def _rates(self) -> dict[tuple[str, str], tuple[Indices, Array]]:
-        found: dict[tuple[str, str], list[tuple[int, Array, Array, float]]] = {}
+        groups: dict[tuple[str, str], list[tuple[int, Array, Array, float]]] = {}
         for k, (ahead, behind, width) in enumerate(self.each):
             for name, more in ahead.elements.items():
                 less = behind.elements[name]
                 for field in _FIELDS:
                     values = getattr(more, field), getattr(less, field)
                     if values[0] is not None and values[1] is not None:
-                        found.setdefault((name, field), []).append((k, *values, width))
+                        groups.setdefault((name, field), []).append((k, *values, width))
         out: dict[tuple[str, str], tuple[Indices, Array]] = {}
-        for key, rows in found.items():
+        for key, rows in groups.items():
             numbers, ahead, behind, width = (
                 np.array(column) for column in zip(*rows, strict=True)
             )
             away = ahead - behind
             rates = away / width.reshape(-1, *(1,) * (away.ndim - 1))
-            kept = rates.reshape(len(rates), -1).any(axis=1)
-            if kept.any():
-                out[key] = numbers[kept], rates[kept]
+            nonzero = rates.reshape(len(rates), -1).any(axis=1)
+            if nonzero.any():
+                out[key] = numbers[nonzero], rates[nonzero]
         return out

@@ -38,8 +38,8 @@ def find_swaps(prediction: RobotPrediction) -> tuple[tuple[str, str], ...]:
         if changed.sum() < _LEAST:
             continue
         before, after = (
-            _misfit(weight * (c.value - each.values), changed)
-            for each in (prediction, swapped)
+            _misfit(weight * (c.value - state.values), changed)
+            for state in (prediction, swapped)
         )
         if after < _BETTER * before:
             out.append((after / before, pair))

@@ -138,10 +138,12 @@ def _trial_poses(c: Campaign, nominal: NominalRobot) -> Array:
         good = reaches(half)[:, None]
         inside = np.where(good, half, inside)
         outside = np.where(good, outside, half)
-    found = np.vstack([inside, reached[valid]])
-    while not (valid := reaches(found)).all():  # singular poses may depend on others
-        found = found[valid]
-    return found
+    trial_poses = np.vstack([inside, reached[valid]])
+    while not (
+        valid := reaches(trial_poses)
+    ).all():  # singular poses may depend on others
+        trial_poses = trial_poses[valid]
+    return trial_poses
 
 
 def _trial_loads(c: Campaign) -> list[tuple[int, Array]]:
@@ -165,15 +167,15 @@ def _displacement_noise(c: Campaign, sigma: Array) -> Array:
     ]
     out = np.where(turns, ROTATION, DISPLACEMENT)
     for channel in range(len(out)):
-        mine = moving & (c.channel == channel)
+        rows = moving & (c.channel == channel)
         if channel >= len(c.sensors):
-            mine = (
+            rows = (
                 moving
                 & (c.sensor < 0)
                 & (c.direction // 3 == (channel - len(c.sensors)) // 3)
             )
-        if mine.any():
-            out[channel] = np.median(sigma[mine])
+        if rows.any():
+            out[channel] = np.median(sigma[rows])
     return out
 
 

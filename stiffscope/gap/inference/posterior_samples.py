@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import h5netcdf  # pyright: ignore[reportMissingTypeStubs]  # not xarray, which imports slowly
+import h5py  # pyright: ignore[reportMissingTypeStubs]
 import numpy as np
 
 from stiffscope.gap.inference.hypothesis import positive_of
@@ -238,7 +239,7 @@ def _write_group(
     words: Mapping[str, Sequence[str]] | None = None,
 ) -> None:
     """Write arrays over dimensions of some lengths; ``words`` label the last dimension."""
-    text = np.dtype("O", metadata={"vlen": str})  # what HDF5 calls a text
+    text = h5py.string_dtype()
     group.dimensions = dict(lengths)
     for name, length in lengths.items():
         group.create_variable(name, (name,), data=np.arange(length))

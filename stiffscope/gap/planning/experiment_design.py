@@ -67,7 +67,7 @@ def _describe(
     c = trial.model.campaign
     rows = np.flatnonzero(trial.group == best)
     row = int(rows[0])
-    pose, code, load = (int(each[row]) for each in (c.pose, c.quantity, c.load))
+    pose, code, load = (int(column[row]) for column in (c.pose, c.quantity, c.load))
     if np.isnan(c.poses).any():
         return NextMeasurement(
             separates, gain, pose=c.pose_names[pose], quantity=QUANTITY[code].name
@@ -118,8 +118,8 @@ def expected_log_odds(trial: Trial, first: Predicted, second: Predicted) -> Arra
     for count in np.unique(counts):
         rows = order[starts[counts == count][:, None] + np.arange(count)]  # (m, count)
         difference = (m2 - m1)[rows]
-        own = (x1[rows], c1), (x2[rows], c2)
-        s1, s2 = (np.eye(count) + x @ covariance @ x.mT for x, covariance in own)
+        columns = (x1[rows], c1), (x2[rows], c2)
+        s1, s2 = (np.eye(count) + x @ covariance @ x.mT for x, covariance in columns)
         volume = np.linalg.slogdet(s2)[1] - np.linalg.slogdet(s1)[1]
         trace = np.trace(np.linalg.solve(s2, s1), axis1=1, axis2=2)
         pull = np.linalg.solve(s2, difference[..., None])[..., 0]

@@ -27,7 +27,7 @@ _RIVALS = 4  # most hypotheses, and most twins, that a further reading is to sep
 
 
 def find_next(
-    found: Findings, effects: Sequence[Effect], *, is_open: bool = False
+    findings: Findings, effects: Sequence[Effect], *, is_open: bool = False
 ) -> tuple[NextMeasurement | None, str]:
     """Return the next measurement, and where none distinguishes the causes of a group, why.
 
@@ -36,20 +36,20 @@ def find_next(
 
     Parameters
     ----------
-    found, effects
+    findings, effects
         Result of a search, and the effects named.
     is_open
         Whether the verdict itself is open; otherwise there is a group if effects are confused.
     """
-    best = found.best
-    limit = GROUPS.competing * found.probability[0]
-    rivals = [h for h, p in found.ranked if h is not best and p >= limit][:_RIVALS]
+    best = findings.best
+    limit = GROUPS.competing * findings.probability[0]
+    rivals = [h for h, p in findings.ranked if h is not best and p >= limit][:_RIVALS]
     rivals += [
         twin for twin, _ in zip(_exchange_twins(best), range(_RIVALS), strict=False)
     ]
     rivals.sort(key=lambda h: best.names <= h.names)  # extensions last
     step = (
-        next_measurement(found.model.trial(found.sigma), best, rivals)
+        next_measurement(findings.model.trial(findings.sigma), best, rivals)
         if rivals
         else None
     )
@@ -70,16 +70,16 @@ def find_next(
             f"no reading distinguishes {' and '.join(same)}: names of the same change",
         )
     none = "none of this campaign's instruments and loads is expected to distinguish them at any pose"
-    if not rivals or not isinstance(found.model, RobotModel):
+    if not rivals or not isinstance(findings.model, RobotModel):
         return None, none if rivals else ""
-    nominal = found.model.nominal
+    nominal = findings.model.nominal
     try:
         campaign = replace(
             plan_campaign(nominal, offer_readings(nominal)),
-            modelled=found.campaign.modelled,
+            modelled=findings.campaign.modelled,
         )
         trial = Trial(
-            replace(found.model, campaign=campaign),
+            replace(findings.model, campaign=campaign),
             campaign.sigma,
             np.arange(len(campaign)),
         )
@@ -110,9 +110,9 @@ def _exchange_twins(best: Hypothesis) -> Iterator[Hypothesis]:
             scales = np.where(best.mark(lambda c, own=candidate: c is own), rate, 1.0)
             spread = best.covariance * np.outer(scales, scales)
             known = replace(best.known, find_covariance=lambda spread=spread: spread)
-            own = (twin, (rate * values[0],))
+            signature = (twin, (rate * values[0],))
             yield replace(
                 best,
-                parameters=(*best.parameters[:k], own, *best.parameters[k + 1 :]),
+                parameters=(*best.parameters[:k], signature, *best.parameters[k + 1 :]),
                 known=known,
             )

@@ -64,9 +64,9 @@ class Pair:
 
     def find_gains(self, rows: slice = slice(None)) -> Array:
         """Return the gain of each reading (n,), or of some of them."""
-        own = self.own[rows]
+        variance = self.own[rows]
         rival = self.rival[rows]
-        left = own - rival @ (self._inverse @ self._pull)
+        left = variance - rival @ (self._inverse @ self._pull)
         return (
             0.5
             * left**2
@@ -161,16 +161,16 @@ def _drop(
     judges: list[list[Pair]], chosen: list[int], enough: float, least: int
 ) -> list[int]:
     """Drop readings that no pair needs, in order of choice; judges: few pairs, then all."""
-    kept = list(chosen)
+    remaining = list(chosen)
     needed = [
-        (p, np.minimum(judge_pairs(p, kept), enough) - _LEAST_GAIN) for p in judges
+        (p, np.minimum(judge_pairs(p, remaining), enough) - _LEAST_GAIN) for p in judges
     ]
     for row in chosen:
-        rest = [other for other in kept if other != row]
-        if len(kept) > least and all(
+        rest = [other for other in remaining if other != row]
+        if len(remaining) > least and all(
             (judge_pairs(p, rest) >= odds).all() for p, odds in needed
         ):
-            kept = rest
-    for pair, odds in zip(judges[-1], judge_pairs(judges[-1], kept), strict=True):
+            remaining = rest
+    for pair, odds in zip(judges[-1], judge_pairs(judges[-1], remaining), strict=True):
         pair.log_odds = float(odds)
-    return sorted(kept)
+    return sorted(remaining)

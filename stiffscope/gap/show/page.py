@@ -105,7 +105,10 @@ def write_diagnosis_report(
 
 
 def share_view(
-    report: Draft, assembled: Assembled, diagnosis: Diagnosis, found: Configurations
+    report: Draft,
+    assembled: Assembled,
+    diagnosis: Diagnosis,
+    configurations: Configurations,
 ) -> RobotView | None:
     """Return the coloured robot at the campaign's poses, worst first; None without ``robot.png``.
 
@@ -113,7 +116,7 @@ def share_view(
     ----------
     report, assembled
         Output folder with ``robot.png``, and robot with its parts' matrices.
-    diagnosis, found
+    diagnosis, configurations
         Diagnosis of the campaign, and configurations at the campaign's poses.
     """
     still = report.figure(
@@ -123,22 +126,24 @@ def share_view(
         return None
     where = diagnosis.where
     mechanism = assembled.mechanism
-    shown = where.pose[: len(found)]  # set-ups of responses come after them
+    shown = where.pose[: len(configurations)]  # set-ups of responses come after them
     sizes = np.sqrt(np.nanmean(np.square(np.array(shown, dtype=float)), axis=1))
     chosen = np.argsort(-np.nan_to_num(sizes))[:MOST_POSES]
-    found = found[chosen]
+    configurations = configurations[chosen]
     part = text.shares(assembled.robot, diagnosis)
     cases = [
         [
             replace(c, note=f"residuals {sizes[k]:.3g} σ rms; {c.note}", shares=part)
             for c in each
         ]
-        for k, each in zip(chosen, unit_wrenches(mechanism, found), strict=True)
+        for k, each in zip(
+            chosen, unit_wrenches(mechanism, configurations), strict=True
+        )
     ]
     names = [where.pose_names[k] for k in chosen]
     caption = "The robot at the campaign's poses, largest residual first, coloured by shares of the gap."
     return report.turn_robot(
-        found, names, cases, caption, still, quantity=SHARE, start=0
+        configurations, names, cases, caption, still, quantity=SHARE, start=0
     )
 
 

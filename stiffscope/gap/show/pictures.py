@@ -83,7 +83,7 @@ def order_figures(diagnosis: Diagnosis, target: Path) -> Order:
 def order_shares(
     assembled: Assembled,
     diagnosis: Diagnosis,
-    found: Configurations,
+    configurations: Configurations,
     target: Path,
     ahead: tuple[str, Callable[..., None]],
 ) -> list[Order]:
@@ -95,7 +95,7 @@ def order_shares(
     ----------
     assembled, target
         Robot with its parts' matrices, and folder to write to.
-    diagnosis, found
+    diagnosis, configurations
         Diagnosis of the campaign, and configurations at the campaign's poses.
     ahead
         Prepared picture from `shares_ahead`.
@@ -108,7 +108,7 @@ def order_shares(
         np.argmax(np.nansum(np.square(np.array(where.pose, dtype=float)), axis=1))
     )
     place = pose_text(
-        mechanism, found.tool[worst, mechanism.tool.commanded_axes].tolist()
+        mechanism, configurations.tool[worst, mechanism.tool.commanded_axes].tolist()
     )
     title = (
         f"Share of the gap by component, at the pose of the largest residual, {place}"
@@ -116,7 +116,7 @@ def order_shares(
     shown = {
         "file": "robot.png",
         "title": title,
-        "moves": place_robot(found, worst).moves,
+        "moves": place_robot(configurations, worst).moves,
     }
     drawn = {**scene_of(assembled), "shares": shares(assembled.robot, diagnosis)}
 

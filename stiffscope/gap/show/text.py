@@ -51,12 +51,12 @@ def _tell_verdict(diagnosis: Diagnosis) -> str:
             f"Unexplained: no known effect accounts for the gap of {nominal} rms "
             f"(noise {noise}); it lies mostly in {_largest(diagnosis.where.direction)}."
         )
-    said = []
+    sentences = []
     for effect in diagnosis.effects:
         few = effect.parameters.items() if len(effect.parameters) <= 3 else ()
         sizes = (f", {key} {quantity(parameter)}" for key, parameter in few)
-        said.append("".join([name(effect.effect, effect.place), *sizes]))
-    named = " and ".join(said) or "no effect"
+        sentences.append("".join([name(effect.effect, effect.place), *sizes]))
+    named = " and ".join(sentences) or "no effect"
     if diagnosis.verdict == "ambiguous":
         rivals = f"these readings cannot distinguish it from {_rivals(diagnosis)}"
         return f"Ambiguous: {named} fits, but {rivals}; with it {shrinks}.{_proposal(diagnosis)}"
@@ -113,14 +113,12 @@ def absolute_sizes(gap: Gap) -> dict[str, tuple[str, ...]]:
 
 def _group(diagnosis: Diagnosis) -> str:
     """Return the confusable effects, and the reading that would distinguish them."""
-    said = ""
-    for each in diagnosis.effects:
-        if each.confused_with:
-            pair = (
-                f"{name(each.effect, each.place)} from {_list_keys(each.confused_with)}"
-            )
-            said += f" These readings cannot distinguish {pair}."
-    return said and said + _proposal(diagnosis)
+    note = ""
+    for effect in diagnosis.effects:
+        if effect.confused_with:
+            pair = f"{name(effect.effect, effect.place)} from {_list_keys(effect.confused_with)}"
+            note += f" These readings cannot distinguish {pair}."
+    return note and note + _proposal(diagnosis)
 
 
 def _proposal(diagnosis: Diagnosis) -> str:
@@ -231,7 +229,7 @@ def _multiple(parameter: Parameter) -> tuple[float, str]:
         abs(parameter.value), parameter.sigma if math.isfinite(parameter.sigma) else 0.0
     )
     least = _PREFIXES[-1 if greatest else 0]
-    factor, prefix = next((each for each in _PREFIXES if greatest >= each[0]), least)
+    factor, prefix = next((start for start in _PREFIXES if greatest >= start[0]), least)
     return factor, f" {prefix}{unit}"
 
 

@@ -126,15 +126,15 @@ def compare(
         return
     robot = load_robot(name, overrides)
     orders = [
-        order_part(robot, each)
-        for each in ((part,) if part is not None else _solids(robot))
+        order_part(robot, solid)
+        for solid in ((part,) if part is not None else _solids(robot))
     ]
     for order in orders:
         check_one_interface(robot, order.name)
     with open_workshop(output) as shop:
         results = solve_parts(orders, shop)
     warn_of_parts(results)
-    own = [
+    comparisons = [
         comparison.compare(robot, result.name, result)
         for result in results
         if result.own_shape
@@ -144,7 +144,7 @@ def compare(
         for result in results:
             part_tables.show_compliance(robot, result)
 
-    emit(output, {each.part: dataclasses.asdict(each) for each in own}, show)
+    emit(output, {each.part: dataclasses.asdict(each) for each in comparisons}, show)
 
 
 def _compare_robots(
@@ -152,16 +152,16 @@ def _compare_robots(
 ) -> None:
     manifest = manifest_of(first, second.path)
     with open_workshop(output) as shop:
-        found = compare_robots(first, second, components, shop)
-    for made in found.made.values():
-        warn_of_robot(made)
+        compared = compare_robots(first, second, components, shop)
+    for assembled in compared.made.values():
+        warn_of_robot(assembled)
     emit(
         output,
-        robot_comparison.robots_json(found),
-        partial(robot_comparison.show_robots, found),
+        robot_comparison.robots_json(compared),
+        partial(robot_comparison.show_robots, compared),
         manifest=manifest,
-        fill=partial(robot_comparison.draw_both, found),
-        page=partial(robot_comparison.write_robots_page, found),
+        fill=partial(robot_comparison.draw_both, compared),
+        page=partial(robot_comparison.write_robots_page, compared),
     )
 
 

@@ -42,11 +42,11 @@ def pack_solids(solids: Sequence[Solid], up: Floats, reach: float) -> dict[str, 
             points.mean(axis=0) if solid.base is None else np.asarray(solid.base, float)
         )
         shape = solid.surface.copy()
-        shape.points = own = (points - base) @ axes  # equal for all copies
+        shape.points = local = (points - base) @ axes  # equal for all copies
         alike = (
             k
             for k, other in enumerate(shapes)
-            if len(own) == other.n_points
+            if len(local) == other.n_points
             and np.allclose(shape.points, other.points, rtol=0.0, atol=1e-6)
         )
         k = next(alike, len(shapes))
@@ -64,10 +64,10 @@ def pack_solids(solids: Sequence[Solid], up: Floats, reach: float) -> dict[str, 
             }
         )
     drawn = sum(shapes[solid["mesh"]].n_cells for solid in placed)
-    kept = min(1.0, ALL_TRIANGLES / max(drawn, 1))
+    share = min(1.0, ALL_TRIANGLES / max(drawn, 1))
     meshes = []
     for shape in shapes:
-        limit = max(FEWEST, min(TRIANGLES, round(kept * shape.n_cells)))
+        limit = max(FEWEST, min(TRIANGLES, round(share * shape.n_cells)))
         fewer = (
             shape
             if shape.n_cells <= limit

@@ -213,7 +213,7 @@ def _tagged_mesh(
     figure, cells = sheet_of(1, 2, views[0].size, f"{title}: {counts}")
     along = (experiment.reference_points[0] - experiment.clamp_point)[0] > 0.0
     ends = ("seen from the loaded end", "seen from the clamped end")
-    tagged = [np.isin(mesh.facet_face, each) for each in faces.values()]
+    tagged = [np.isin(mesh.facet_face, face) for face in faces.values()]
     tagged.append(~np.any(tagged, axis=0))
     colours = [*islice(cycle(INTERFACES), len(faces)), FREE]
     for view, cell, heading in zip(

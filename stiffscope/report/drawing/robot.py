@@ -165,13 +165,14 @@ def robot(
         figure = frame_picture(image, view, picture["title"])
         if picture.get("names", False):
             free = (
-                (each, each.ends[0 if each.kind == "sensor" else 1]) for each in arrows
+                (arrow, arrow.ends[0 if arrow.kind == "sensor" else 1])
+                for arrow in arrows
             )
             labels = [(end, each.name, MARKS[each.kind]) for each, end in free]
             _put_labels(figure, view, labels, "bold")
         if picture.get("kinds", False):
             _name_joints(figure, view, joints, moves)
-        marked = {each.kind: MARKS[each.kind] for each in arrows}
+        marked = {arrow.kind: MARKS[arrow.kind] for arrow in arrows}
         _explain(figure, {**key, **marked}, coloured, scale)
         save_figure(figure, folder / picture["file"], dpi=100)
 
@@ -185,10 +186,10 @@ def _draw_frames(
     shares: dict[str, float] | None,
 ) -> Iterator[tuple[NDArray[Any], View]]:
     """Yield the frames of a moving robot, with a fixed camera."""
-    frames = [_moves(each) for each in picture["frames"]]
+    frames = [_moves(frame) for frame in picture["frames"]]
     shapes = [_by_colour(solids, moves, shares) for moves in frames]
     points = [_place(moves, tool["node"], tool["at"]) for moves in frames]
-    solid = (shape.points for each in shapes for shape in each.values())
+    solid = (shape.points for body in shapes for shape in body.values())
     seen = np.vstack(
         [*solid, *(np.add([point], 0.12 * reach * np.eye(3)) for point in points)]
     )
@@ -354,7 +355,7 @@ def _scene(
     if seen is None:
         drawn = (shape.points for shape in shapes.values())
         tips = point + 0.12 * reach * np.eye(3)
-        seen = np.vstack([*drawn, *(each.ends for each in arrows), tips])
+        seen = np.vstack([*drawn, *(arrow.ends for arrow in arrows), tips])
     view = view_of(
         seen, towards=tuple(upright(up) @ TOWARDS), width=width, up=tuple(up)
     )
@@ -383,8 +384,8 @@ def _scene(
     size = min(0.11 * reach, 0.4 * view.half_height)
     for end, colour in zip(point + size * np.eye(3), AXES, strict=True):
         _draw_arrow(plotter, view, np.array([point, end]), colour)
-    for each in arrows:
-        _draw_arrow(plotter, view, each.ends, MARKS[each.kind])
+    for arrow in arrows:
+        _draw_arrow(plotter, view, arrow.ends, MARKS[arrow.kind])
     return shot(plotter), view
 
 

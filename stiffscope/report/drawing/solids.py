@@ -361,8 +361,8 @@ def _sizes(bodies: Tables, joints: Tables, reach: float) -> Sizes:
 
 def _symbol(joint: dict[str, Any]) -> str:
     """Return the symbol of a joint's type; none for a possible further joint."""
-    made = JOINT_TYPES.get(joint["kind"])
-    return made.symbol if made else ""
+    joint_type = JOINT_TYPES.get(joint["kind"])
+    return joint_type.symbol if joint_type else ""
 
 
 def _joints(joints: Tables, sizes: Sizes, reach: float) -> Iterable[Solid]:

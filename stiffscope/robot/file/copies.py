@@ -58,12 +58,12 @@ def make_copies(data: dict[str, Any]) -> dict[str, Turned]:
     for number in _order(entries):
         entry = entries[number]
         _check(tables, entry, number)
-        found = [
+        originals = [
             _find_within(table, entry.of) for table in tables
         ]  # without the copies
         for new, angle in zip(entry.as_, entry.angles, strict=True):
             turn = rotation(np.array(entry.axis) / np.linalg.norm(entry.axis), angle)
-            for table, names in zip(tables, found, strict=True):
+            for table, names in zip(tables, originals, strict=True):
                 for name in names:
                     made = rename(name, entry.of, new)
                     origin = copied.get(name, Turned(name, np.eye(3)))
@@ -135,7 +135,7 @@ def _check(tables: Sequence[Mapping[str, Any]], entry: Copies, number: int) -> N
     if not _find_within(names, entry.of):
         split = (name.split(".") for name in names)
         sets = dict.fromkeys(
-            ".".join(each[: n + 1]) for each in split for n in range(len(each))
+            ".".join(word[: n + 1]) for word in split for n in range(len(word))
         )
         known = list_some([*sets]) or "none"
         message = f'expected a set of bodies and joints ({known}), got "{entry.of}"'
@@ -158,29 +158,29 @@ def _turn(table: Any, of: str, new: str, turn: np.ndarray) -> Any:
     """Rotate a body's or joint's table; leave invalid values, which are refused later."""
     if not isinstance(table, dict):
         return table
-    made = copy.deepcopy(table)
+    turned = copy.deepcopy(table)
     if "part" in table and not {"base", "tip"} & set(
         table
     ):  # part with interfaces: default axes
-        made = {"x": [1.0, 0.0, 0.0], "y": [0.0, 1.0, 0.0]} | made
-    for key in list(made):
+        turned = {"x": [1.0, 0.0, 0.0], "y": [0.0, 1.0, 0.0]} | turned
+    for key in list(turned):
         try:
             if key in _VECTORS:
-                made[key] = (turn @ _numbers(made[key], _VECTORS[key], 3)).tolist()
+                turned[key] = (turn @ _numbers(turned[key], _VECTORS[key], 3)).tolist()
             elif key == "inertia":
                 inertia = tensor(_numbers(table[key], q.INERTIA, 6))
-                made[key] = (turn @ inertia @ turn.T)[SIX].tolist()
+                turned[key] = (turn @ inertia @ turn.T)[SIX].tolist()
             elif key == "between":
-                made[key] = [rename(name, of, new) for name in table[key]]
+                turned[key] = [rename(name, of, new) for name in table[key]]
         except (TypeError, ValueError, AttributeError):
             continue
-    return made
+    return turned
 
 
 def _numbers(values: Any, dimension: q.Dimension, count: int) -> np.ndarray:
     if len(values) != count:
         raise ValueError
-    return np.array([q.to_si(each, dimension, sign="any") for each in values])
+    return np.array([q.to_si(value, dimension, sign="any") for value in values])
 
 
 def tensor(six: Sequence[float] | np.ndarray) -> np.ndarray:

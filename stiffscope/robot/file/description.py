@@ -80,7 +80,7 @@ class RobotFile:
 
     def carries(self, effect: str) -> bool:
         """Return whether the robot has adopted an effect of this kind."""
-        return any(each.effect == effect for each in self.effects)
+        return any(word.effect == effect for word in self.effects)
 
     def part(self, name: str) -> PartSection:
         """Return the section of a part."""
@@ -116,10 +116,10 @@ class RobotFile:
 
     def nodes(self) -> dict[str, str]:
         """Return the body of each node for joints: rigid bodies, ends of elastic ones, ground."""
-        found = {GROUND: GROUND}
+        places = {GROUND: GROUND}
         for name in self.bodies:
-            found |= {f"{name}.{end}": name for end in self.ends(name)} or {name: name}
-        return found
+            places |= {f"{name}.{end}": name for end in self.ends(name)} or {name: name}
+        return places
 
     def drives(self) -> tuple[str, ...]:
         """Return the names of the driven joints."""

@@ -28,14 +28,14 @@ if TYPE_CHECKING:
 
 def _check_both(value: Any) -> Any:
     pair = value if isinstance(value, list | tuple) else [value, value]
-    found = tuple(q.to_si(each, q.NUMBER) for each in pair)
+    numbers = tuple(q.to_si(each, q.NUMBER) for each in pair)
     require(
-        len(found) == 2 and all(0.5 < each < 1.0 for each in found),
+        len(numbers) == 2 and all(0.5 < each < 1.0 for each in numbers),
         "",
         "a groove radius over ball diameter such as 0.52",
         q.show_value(value),
     )
-    return found
+    return numbers
 
 
 _THREE = 'three forces, along the axis first, such as ["0 N", "500 N", "0 N"]'
@@ -108,7 +108,9 @@ class _Rotary(ElementSection):
     load: Forces = (0.0, 0.0, 0.0)
 
     def _of_sheet(self, exponent: float) -> me.MachineElement:
-        known = [(each or 0.0) for each in (self.radial, self.axial, self.tilting)]
+        known = [
+            (stiffness or 0.0) for stiffness in (self.radial, self.axial, self.tilting)
+        ]
         source = "the sheet's own stiffness"
         acting = self.preload or float(np.linalg.norm(self.load))
         beside = "preload" if self.preload else "load"
@@ -120,7 +122,9 @@ class _Rotary(ElementSection):
                 "at_load",
                 "it beside the preload or load that acts here, both above 0",
             )
-            known = [me.at_load(each, self.at_load, acting, exponent) for each in known]
+            known = [
+                me.at_load(value, self.at_load, acting, exponent) for value in known
+            ]
             source += f" at {self.at_load:g} N, as the load to the power {1.0 - 1.0 / exponent:.3g}"
         return me.of_sheet(known[0], known[1], known[2], source)
 
@@ -362,7 +366,9 @@ _KIND = Discriminator(lambda value: f"tagged-{ELEMENTS[dict(value)['kind']].__na
 if TYPE_CHECKING:
     AnyElement = ElementSection
 else:
-    _tagged = (Annotated[each, Tag(f"tagged-{each.__name__}")] for each in _MODELS)
+    _tagged = (
+        Annotated[section, Tag(f"tagged-{section.__name__}")] for section in _MODELS
+    )
     AnyElement = Annotated[Union[tuple(_tagged)], _KIND]  # noqa: UP007 (of a list)
 Elements = Annotated[tuple[AnyElement, ...], BeforeValidator(_some), Says(_EXAMPLE)]
 

@@ -122,7 +122,7 @@ def _nominal(text: str, key: Key, tolerances: dict[Key, float]) -> str:
     if is_expression(text) or not _MARK.search(text):
         return text
     value, _, width = (
-        each.strip() for each in _MARK.sub("\0", text, count=1).partition("\0")
+        piece.strip() for piece in _MARK.sub("\0", text, count=1).partition("\0")
     )
     factor = _FACTOR.fullmatch(width)
     if factor and float(factor[1]) > 1.0:
@@ -177,15 +177,15 @@ def _list_given(
     data: Mapping[str, Any],
 ) -> dict[str, tuple[Key, Any, FieldInfo | None]]:
     """Return key, value and part's field for each name, including defaults of parts."""
-    found: dict[str, tuple[Key, Any, FieldInfo | None]] = {}
+    parameters: dict[str, tuple[Key, Any, FieldInfo | None]] = {}
     for name, value in data.get("parameters", {}).items():
         key = ("parameters", name)
         with naming_key(*key):
             refuse_name(name)
-        other = found.get(normalize(name))
+        other = parameters.get(normalize(name))
         got = f'"{name}", one letter with "{other[0][1] if other else ""}"'
         require(other is None, key, "a name of its own", got)
-        found[normalize(name)] = (key, value, None)
+        parameters[normalize(name)] = (key, value, None)
     for part, section in data.get("parts", {}).items():
         shape = section.get("shape") if isinstance(section, dict) else None
         fields = (
@@ -202,12 +202,12 @@ def _list_given(
             **defaults,
             **(section if isinstance(section, dict) else {}),
         }.items():
-            found[normalize(f"{part}.{key}")] = (
+            parameters[normalize(f"{part}.{key}")] = (
                 ("parts", part, key),
                 value,
                 fields.get(key),
             )
-    return found
+    return parameters
 
 
 def _parse(key: Key, text: str, known: Mapping[str, Any]) -> Expression:

@@ -24,8 +24,14 @@ if TYPE_CHECKING:
 MOST_CHARACTERS = 500
 MOST_LEVELS = 100
 FUNCTIONS: dict[str, tuple[Operation, int]] = {
-    **{each.__name__: (each, 1) for each in (math.sqrt, math.sin, math.cos, math.tan)},
-    **{each.__name__: (each, 1) for each in (math.asin, math.acos, math.atan)},
+    **{
+        function.__name__: (function, 1)
+        for function in (math.sqrt, math.sin, math.cos, math.tan)
+    },
+    **{
+        function.__name__: (function, 1)
+        for function in (math.asin, math.acos, math.atan)
+    },
     "atan2": (math.atan2, 2),
 }
 CONSTANTS = {"pi": math.pi}
@@ -57,14 +63,14 @@ class Expression:
 
     def value(self, values: Mapping[str, float]) -> float:
         """Return its value, SI, given its names' values; ValueError unless finite and real."""
-        found = _evaluate(self.tree, self.text, values)
+        result = _evaluate(self.tree, self.text, values)
         require(
-            math.isfinite(found),
+            math.isfinite(result),
             "",
             "an expression of finite value",
             "one that is too large",
         )
-        return found
+        return result
 
     def powers(self, known: Mapping[str, Powers | None]) -> Powers | None:
         """What it measures, from what its names do; None if a number without a unit leaves it open.
@@ -150,8 +156,8 @@ def _names(node: ast.expr, text: str) -> Iterator[str]:
         if name not in CONSTANTS:
             yield name
     elif not (isinstance(node, ast.Constant) and type(node.value) in {int, float}):
-        for each in _operation(node, text)[1]:
-            yield from _names(each, text)
+        for operand in _operation(node, text)[1]:
+            yield from _names(operand, text)
 
 
 def _evaluate(node: ast.expr, text: str, values: Mapping[str, float]) -> float:
@@ -163,7 +169,7 @@ def _evaluate(node: ast.expr, text: str, values: Mapping[str, float]) -> float:
         name = _join_dotted(node, text)
         return CONSTANTS[name] if name in CONSTANTS else values[name]
     operation, operands = _operation(node, text)
-    numbers = [_evaluate(each, text, values) for each in operands]
+    numbers = [_evaluate(operand, text, values) for operand in operands]
     return _apply(operation, numbers, _piece(node, text))
 
 
@@ -176,9 +182,9 @@ def _measure(  # noqa: PLR0911 (one for each kind of node)
         name = _join_dotted(node, text)
         return PLAIN if name in CONSTANTS else known.get(name)
     operation, operands = _operation(node, text)
-    found = [_measure(each, text, known) for each in operands]
-    first = found[0]
-    last = found[-1]
+    measured = [_measure(operand, text, known) for operand in operands]
+    first = measured[0]
+    last = measured[-1]
     match node:
         case ast.UnaryOp():
             return first
@@ -190,13 +196,13 @@ def _measure(  # noqa: PLR0911 (one for each kind of node)
                 _ANGLE
                 if isinstance(node, ast.Call)
                 else None
-                if None in found
+                if None in measured
                 else alike
             )
         case ast.BinOp(op=ast.Pow(), right=power):
             share = None if any(_names(power, text)) else _evaluate(power, text, {})
             return (
-                first and tuple(each * share for each in first)
+                first and tuple(operand * share for operand in first)
                 if share is not None
                 else None
             )
@@ -204,17 +210,17 @@ def _measure(  # noqa: PLR0911 (one for each kind of node)
             sign = operator.add if isinstance(op, ast.Mult) else operator.sub
             return first and last and tuple(map(sign, first, last))
     if operation is math.sqrt:
-        return first and tuple(each / 2.0 for each in first)
+        return first and tuple(operand / 2.0 for operand in first)
     got = f"{_piece(node, text)} of another quantity"
     require(not any((first or ())[:-1]), "", "an angle or a plain number", got)
     return _ANGLE if operation in {math.asin, math.acos, math.atan} else PLAIN
 
 
-def fits(found: Powers | None, wanted: Powers | None) -> bool:
+def fits(powers: Powers | None, wanted: Powers | None) -> bool:
     """Whether a quantity may be one of another kind: unknown ones and plain numbers may be any."""
-    if not found or not wanted or found == PLAIN:
+    if not powers or not wanted or powers == PLAIN:
         return True
-    return all(map(math.isclose, found[:-1], wanted[:-1]))
+    return all(map(math.isclose, powers[:-1], wanted[:-1]))
 
 
 def _operation(node: ast.expr, text: str) -> tuple[Operation, list[ast.expr]]:
@@ -237,7 +243,7 @@ def _operation(node: ast.expr, text: str) -> tuple[Operation, list[ast.expr]]:
             return function, args
     hint = (
         "; a power is **"
-        if any(isinstance(each, ast.BitXor) for each in ast.walk(node))
+        if any(isinstance(part, ast.BitXor) for part in ast.walk(node))
         else ""
     )
     raise ValueError(f"expected only {_WHAT}, got {_piece(node, text)}{hint}")

@@ -175,7 +175,7 @@ def split(text: str) -> tuple[str, Any]:
 def locate(text: str, names: Mapping[str, Sequence[str]]) -> Override:
     """Resolve a text such as "slider.thickness=25mm" to a key, given the names in each section."""
     name, value = split(text)
-    found: list[tuple[str, ...]] = [
+    keys: list[tuple[str, ...]] = [
         (section, *rest)
         for section in NAMED
         for rest in _ways(name, names.get(section, ()))
@@ -188,15 +188,15 @@ def locate(text: str, names: Mapping[str, Sequence[str]]) -> Override:
         )
     if section in TABLES:
         inside = _ways(rest, names.get(section, ())) if section in _NESTED else []
-        found.append((section, *(inside[0] if inside else rest.split("."))))
-    if not found:
-        known = [each for section in NAMED for each in names.get(section, ())]
+        keys.append((section, *(inside[0] if inside else rest.split("."))))
+    if not keys:
+        known = [candidate for section in NAMED for candidate in names.get(section, ())]
         guess = suggest(section, [*known, *TABLES])
         what = (
             f"NAME.KEY=VALUE with a NAME of {list_some(known)} or {', '.join(TABLES)}"
         )
         raise InputError(f'--set {text}: expected {what}, got "{name}"{guess}')
-    fitting = [key for key in found if len(key) > 2 and key[2] in NAMED.get(key[0], ())]
+    fitting = [key for key in keys if len(key) > 2 and key[2] in NAMED.get(key[0], ())]
     require(
         not (
             len({key[0] for key in fitting} & {"bodies", "joints"}) > 1
@@ -207,7 +207,7 @@ def locate(text: str, names: Mapping[str, Sequence[str]]) -> Override:
         f"{name}, which both have",
     )
     is_typed = isinstance(text, TypedOverride)
-    return Override((fitting or found)[0], value, f"--set {text}", is_typed)
+    return Override((fitting or keys)[0], value, f"--set {text}", is_typed)
 
 
 def _ways(name: str, known: Iterable[str]) -> list[tuple[str, ...]]:
@@ -257,9 +257,9 @@ def _is_within(table: Any, part: str | int) -> bool:
 
 def _add_material(data: dict[str, Any], name: str) -> None:
     """Add the constants of a built-in material, of which one is set, unless the file has its own."""
-    own = data.setdefault("materials", {})
-    if isinstance(own, dict) and name not in own and name in MATERIALS:
-        own[name] = {
+    materials = data.setdefault("materials", {})
+    if isinstance(materials, dict) and name not in materials and name in MATERIALS:
+        materials[name] = {
             key: value
             for key, value in asdict(MATERIALS[name]).items()
             if key != "name"

@@ -78,7 +78,9 @@ class Source:
         by = next((self.changed[each] for each in above if each in self.changed), None)
         for table in above[:2]:  # a table that exists only because of an override
             if by is None and len(table) > 1 and table not in self.lines:
-                inside = (each for each in self.changed if each[: len(table)] == table)
+                inside = (
+                    change for change in self.changed if change[: len(table)] == table
+                )
                 by = self.changed.get(next(inside, ()))
         where = by or f"{self.path}:{self.line(key)}"
         others = ", ".join(self.overrides[:3])
@@ -106,9 +108,9 @@ class Text(str):
 
     def __new__(cls, text: str, where: str) -> Self:
         """Create a text at "FILE:LINE: FIELD"."""
-        found = super().__new__(cls, text)
-        found.where = where
-        return found
+        placed = super().__new__(cls, text)
+        placed.where = where
+        return placed
 
 
 def place_of(option: str, text: str) -> str:
@@ -189,20 +191,20 @@ def _explain(
 ) -> tuple[int, str]:
     """Return line and message of a TOML error; quote the line only if ``shown``."""
     reason, _, place = str(error).partition(" (at ")
-    found = re.search(r"line (\d+), column (\d+)", place)
+    match = re.search(r"line (\d+), column (\d+)", place)
     lines = text.split("\n")
-    line = min(int(found[1]), len(lines)) if found else len(lines)
+    line = min(int(match[1]), len(lines)) if match else len(lines)
     line_shown = (
         f'"{lines[line - 1].strip()[:60]}" (column' if shown else "another text (column"
     )
-    where = f"{line_shown} {found[2]})" if found else "the end of the file"
+    where = f"{line_shown} {match[2]})" if match else "the end of the file"
     return line, f"expected valid TOML, got {where}: {reason[:1].lower()}{reason[1:]}"
 
 
 def _first_line(text: str, pattern: str) -> int:
     """Return the line of a pattern's first match."""
-    found = re.search(pattern, text)
-    return text.count("\n", 0, found.start()) + 1 if found else 1
+    match = re.search(pattern, text)
+    return text.count("\n", 0, match.start()) + 1 if match else 1
 
 
 def _check_size(data: dict[str, Any]) -> None:

@@ -114,9 +114,11 @@ class NamedFaces(Section):
 
 def _named(value: Any) -> Any:
     if isinstance(value, dict) and "faces" not in value:
-        own = {key: value[key] for key in value if key == "interface"}
-        return own | {
-            "faces": [{key: each for key, each in value.items() if key not in own}]
+        interfaces = {key: value[key] for key in value if key == "interface"}
+        return interfaces | {
+            "faces": [
+                {key: each for key, each in value.items() if key not in interfaces}
+            ]
         }
     return {"faces": value} if isinstance(value, list | tuple) else value
 
@@ -232,14 +234,16 @@ def _section_of(
 
 def _read_shape(shape: type[SolidParameters]) -> type[ParametricPart]:
     """Create the section of a shape, described by its docstring without the errors."""
-    own: dict[str, Any] = {}
-    own["__doc__"] = (inspect.getdoc(shape) or "").partition("\n\nRaises\n")[0]
+    annotations_of: dict[str, Any] = {}
+    annotations_of["__doc__"] = (inspect.getdoc(shape) or "").partition("\n\nRaises\n")[
+        0
+    ]
     if shape.segments is SolidParameters.segments:  # no beam theory: FEA alone
-        own["compliance"] = (Literal["fea"], "fea")
+        annotations_of["compliance"] = (Literal["fea"], "fea")
     if shape.published == "table":
-        own["published"] = (str | None, None)
+        annotations_of["published"] = (str | None, None)
     name = f"{shape.shape.title()}Part"
-    return _section_of(name, ParametricPart, shape, shape.required, **own)
+    return _section_of(name, ParametricPart, shape, shape.required, **annotations_of)
 
 
 PARAMETRIC = {name: _read_shape(shape) for name, shape in SHAPES.items()}

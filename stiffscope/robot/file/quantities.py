@@ -99,9 +99,9 @@ class Measured(float):
 
     def __new__(cls, value: float, powers: Powers | None = None) -> Self:
         """A number with the powers of its units; None where they are not known."""
-        found = super().__new__(cls, value)
-        found.powers = powers
-        return found
+        number = super().__new__(cls, value)
+        number.powers = powers
+        return number
 
 
 _UNITS = dict(
@@ -120,7 +120,7 @@ def powers_of(unit: str) -> Powers | None:
 
 
 # What pint answers for usual units: importing it takes as long as a robot's stiffness.
-SI = ("", *(each.unit for each in NAMED))
+SI = ("", *(dimension.unit for dimension in NAMED))
 USUAL = {si: (si, 1.0) for si in SI[1:]} | {
     "mm": ("m", 1e-3),
     "um": ("m", 1e-6),
@@ -238,9 +238,9 @@ def _factor(unit: str, si: str) -> float:
     """What one of a unit is in SI. Raises whatever pint does for what is no such unit."""
     if unit in USUAL and si in SI:
         base, factor = USUAL[unit]
-        found = powers_of(base) or PLAIN
+        powers = powers_of(base) or PLAIN
         wanted = powers_of(si) or PLAIN
-        if found[:-1] != wanted[:-1] or found[-1] not in {0.0, wanted[-1]}:
+        if powers[:-1] != wanted[:-1] or powers[-1] not in {0.0, wanted[-1]}:
             raise ValueError(f"{unit} is no {si}")
         return factor
     _check_unit(unit)
@@ -297,12 +297,12 @@ def _why(unit: str) -> str:
         return f", which is {_name_powers(powers_of(USUAL[unit][0]))}"
     try:
         _check_unit(unit)
-        found = _registry().parse_units(unit)
+        units = _registry().parse_units(unit)
     except Exception:  # noqa: BLE001 (pint raises a dozen kinds, even ZeroDivisionError)
         return nothing
-    if found.dimensionless and ("%" in unit or "ppm" in unit):
+    if units.dimensionless and ("%" in unit or "ppm" in unit):
         return nothing
-    measured = found.dimensionality
+    measured = units.dimensionality
     read = _registry().parse_units
     turns = _radians(unit)
     same = [other for other in NAMED if measured == read(other.unit).dimensionality]
@@ -322,7 +322,12 @@ def _name_powers(powers: Powers | None) -> str:
         NAMED, key=lambda each: powers_of(each.unit) != powers
     )  # what differs by radians comes later
     alike = next(
-        (each.noun for each in named if fits(powers, powers_of(each.unit))), None
+        (
+            dimension.noun
+            for dimension in named
+            if fits(powers, powers_of(dimension.unit))
+        ),
+        None,
     )
     return alike or f"in {show_powers(powers or PLAIN)}"
 

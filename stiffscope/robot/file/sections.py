@@ -186,14 +186,16 @@ class JointSection(Section):
         """
         if self.bearing is None:
             return np.diag(self._diagonal())
-        total = sum((each.stiffness(axes) for each in self.bearing), np.zeros((6, 6)))
+        total = sum(
+            (bearing.stiffness(axes) for bearing in self.bearing), np.zeros((6, 6))
+        )
         size = np.sqrt(np.diagonal(total).clip(min=0.0))
         free = self.made.free
         driven = self.made.driven if getattr(self, "drive", None) is not None else None
         held = [i for i in range(6) if size[i] > 0.0]
         loose = [AXES[i] for i in range(6) if i not in {*held, *free}]
         stuck = [AXES[i] for i in held if i in free and i != driven]
-        kinds = ", ".join(each.kind for each in self.bearing)
+        kinds = ", ".join(bearing.kind for bearing in self.bearing)
         for wrong, wanted in ((loose, "hold {} too"), (stuck, "leave {} free")):
             form = f"bearings that {wanted.format(', '.join(wrong))}"
             require(not wrong, "bearing", form, kinds)
@@ -221,29 +223,29 @@ class JointSection(Section):
         )
 
 
-def _read_joint_type(made: JointType) -> type[JointSection]:
+def _read_joint_type(joint_type: JointType) -> type[JointSection]:
     """Create the section of a type of joint; an axis is at choice where only its bearing asks for it."""
     keys: dict[str, Any] = {}
-    if made.needed_axes:
+    if joint_type.needed_axes:
         keys["axis"] = (v.Direction, ...)
-    elif made.free:
+    elif joint_type.free:
         keys["axis"] = (v.Direction | None, None)
-    if made.needed_axes == 2:
+    if joint_type.needed_axes == 2:
         keys["axis2"] = (v.Direction, ...)
-    if made.driven is not None:
-        drive = RotaryDrive if made.turns else LinearDrive
+    if joint_type.driven is not None:
+        drive = RotaryDrive if joint_type.turns else LinearDrive
         keys["drive"] = (drive | None, None)
-    if made.is_uniform:
-        spring: Any = v.Torsion if made.turns else v.Stiffness
+    if joint_type.is_uniform:
+        spring: Any = v.Torsion if joint_type.turns else v.Stiffness
         keys["spring"] = (spring | None, None)
-    if made.is_uniform and made.driven is not None:
-        keys["rest"] = (v.Angle if made.turns else v.Coordinate, 0.0)
-    name = f"{made.name.title()}Joint"
-    doc = made.about
+    if joint_type.is_uniform and joint_type.driven is not None:
+        keys["rest"] = (v.Angle if joint_type.turns else v.Coordinate, 0.0)
+    name = f"{joint_type.name.title()}Joint"
+    doc = joint_type.about
     section = create_model(
         name, __base__=JointSection, __module__=__name__, __doc__=doc, **keys
     )
-    section.made = made
+    section.made = joint_type
     return section
 
 

@@ -96,8 +96,8 @@ def _first(error: ValidationError, model: type[BaseModel]) -> tuple[Key, str]:
     if kind == "extra_forbidden":
         return key, unknown_key(str(key[-1]), keys_of(_model_at(model, place[:-1])))
     if kind == "missing":
-        said = _describe_missing(_model_at(model, place[:-1]), str(key[-1]))
-        return key, f"expected {said}, got nothing"
+        description = _describe_missing(_model_at(model, place[:-1]), str(key[-1]))
+        return key, f"expected {description}, got nothing"
     expected = (
         context.get("expected") if kind == "literal_error" else _EXPECTED.get(kind)
     )
@@ -108,8 +108,8 @@ def _first(error: ValidationError, model: type[BaseModel]) -> tuple[Key, str]:
     message = item["msg"].removeprefix("Value error, ")
     if not isinstance(context.get("error"), InputError):
         return key, message
-    inner, said = split_place(message)  # "frame.x: expected …"
-    return (*key, *inner[1:]), said
+    inner, description = split_place(message)  # "frame.x: expected …"
+    return (*key, *inner[1:]), description
 
 
 def _describe_missing(model: type[BaseModel], key: str) -> str:
@@ -121,13 +121,19 @@ def _describe_missing(model: type[BaseModel], key: str) -> str:
         for note in (field.metadata if field else ())
         if isinstance(note, Reads | Says)
     ]
-    said = [note.says if isinstance(note, Reads) else note for note in notes]
+    notes_said = [note.says if isinstance(note, Reads) else note for note in notes]
     words = (
         typing.get_args(field.annotation)
         if field and typing.get_origin(field.annotation) is Literal
         else ()
     )
-    return said[-1] if said else f"one of {list_some(words)}" if words else "a value"
+    return (
+        notes_said[-1]
+        if notes_said
+        else f"one of {list_some(words)}"
+        if words
+        else "a value"
+    )
 
 
 def _model_at(model: type[BaseModel], key: Key) -> type[BaseModel]:
@@ -135,7 +141,8 @@ def _model_at(model: type[BaseModel], key: Key) -> type[BaseModel]:
     several: list[type[BaseModel]] = []
     for part in key:
         tagged = next(
-            (each for each in several if part == f"tagged-{each.__name__}"), None
+            (section for section in several if part == f"tagged-{section.__name__}"),
+            None,
         )
         field = None if isinstance(part, int) else model.model_fields.get(part)
         if tagged is not None:

@@ -175,8 +175,8 @@ def _with_matrices(table: dict[str, Any], folder: Path, key: Key) -> dict[str, A
     form = 'a path such as "bracket.npz"'
     require(isinstance(file, str), (*key, "file"), form, q.show_value(file))
     with naming_key(*key, "file"):
-        found = read_superelement(folder / table["file"])
-        interfaces = table.get("interfaces", found.interfaces)
+        superelement = read_superelement(folder / table["file"])
+        interfaces = table.get("interfaces", superelement.interfaces)
         require(
             interfaces,
             "",
@@ -190,33 +190,33 @@ def _with_matrices(table: dict[str, Any], folder: Path, key: Key) -> dict[str, A
             q.show_value(interfaces),
         )
         require(
-            len(interfaces) == len(found.interfaces or interfaces),
+            len(interfaces) == len(superelement.interfaces or interfaces),
             (*key, "interfaces"),
-            f"{len(found.interfaces)}, as the file has nodes",
+            f"{len(superelement.interfaces)}, as the file has nodes",
             len(interfaces),
         )
         ends = 6 * len(interfaces)
-        shape = found.stiffness.shape
+        shape = superelement.stiffness.shape
         square = shape == shape[:1] * 2 and shape[0] >= ends
         require(
-            square and (found.mass is None or found.mass.shape == shape),
+            square and (superelement.mass is None or superelement.mass.shape == shape),
             "",
             f"matrices of at least {ends} rows, six for each interface",
             " x ".join(map(str, shape)),
         )
         require(
-            found.mass is not None or shape[0] == ends,
+            superelement.mass is not None or shape[0] == ends,
             "",
             f"a mass matrix beside {shape[0] - ends} modes",
             "stiffness alone",
         )
     matrices = {
         "interfaces": interfaces,
-        "stiffness": found.stiffness[:ends, :ends].tolist(),
+        "stiffness": superelement.stiffness[:ends, :ends].tolist(),
     }
-    if found.mass is not None:
-        squares = found.stiffness.diagonal()[ends:].tolist()
-        matrices |= {"mass_matrix": found.mass.tolist(), "mode_squares": squares}
+    if superelement.mass is not None:
+        squares = superelement.stiffness.diagonal()[ends:].tolist()
+        matrices |= {"mass_matrix": superelement.mass.tolist(), "mode_squares": squares}
     return table | matrices
 
 
@@ -240,8 +240,8 @@ def _read_body(
         bare = isinstance(part, ParametricPart) and {"base", "tip"} & table.keys()
         if part is not None and part.interface_names and not bare:
             return read_table(sections.InterfaceBody, table, key)
-        elastic = [each for each in table if each in keys_of(sections.ElasticBody)]
-        rigid = [each for each in table if each in keys_of(sections.RigidBody)]
+        elastic = [word for word in table if word in keys_of(sections.ElasticBody)]
+        rigid = [word for word in table if word in keys_of(sections.RigidBody)]
         if "part" in elastic and rigid:
             what = f"no {rigid[0]} of a body with a part, which has its part's"
             raise FieldError((*key, rigid[0]), q.expected(what, table[rigid[0]]))
@@ -273,9 +273,9 @@ def _read_material(name: str, table: Any) -> AnyMaterial:
     model = (
         Fibrous if isinstance(table, dict) and "axial_modulus" in table else Isotropic
     )
-    made = read_table(model, table, key)
+    section = read_table(model, table, key)
     try:
-        return made.build(name)
+        return section.build(name)
     except InputError as error:  # "materials.NAME.density: expected …"
         where, _, message = (
             str(error).removeprefix(f"materials.{name}.").partition(": ")
@@ -301,7 +301,7 @@ def _read_groups(
                     others = [other for other in table if other != name]
                     one_of(each, [*elements, *others], "a body, a joint or a group")
 
-    found: dict[str, tuple[str, ...]] = {}
+    groups: dict[str, tuple[str, ...]] = {}
 
     def members(name: str, above: tuple[str, ...] = ()) -> tuple[str, ...]:
         require(
@@ -316,15 +316,15 @@ def _read_groups(
             f"at most {_DEEPEST} groups within each other",
             "more",
         )
-        if name not in found:
+        if name not in groups:
             parts = (
-                members(each, (*above, name))
-                if each in table
-                else [find_element(each, bodies, joints) or each]
-                for each in table[name]
+                members(word, (*above, name))
+                if word in table
+                else [find_element(word, bodies, joints) or word]
+                for word in table[name]
             )
-            found[name] = tuple(dict.fromkeys(chain.from_iterable(parts)))
-        return found[name]
+            groups[name] = tuple(dict.fromkeys(chain.from_iterable(parts)))
+        return groups[name]
 
     return {name: members(name) for name in table}
 
@@ -348,17 +348,17 @@ def read_pose(value: Any, tool: sections.ToolSection, key: Key) -> tuple[float, 
         f"a pose of {len(tool.pose)}, {names}",
         q.show_value(value),
     )
-    found = []
+    pose = []
     for number, (name, each) in enumerate(zip(tool.pose, value, strict=True)):
         with naming_key(*key, number):
             dimension = q.LENGTH if name in sections.AXES[:3] else q.ANGLE
-            found.append(q.to_si(each, dimension, sign="any"))
-    return tuple(found)
+            pose.append(q.to_si(each, dimension, sign="any"))
+    return tuple(pose)
 
 
 def _read_map(table: Any, tool: sections.ToolSection) -> sections.MapSection:
-    found = read_table(sections.MapSection, table, ("map",))
-    swept = found.ranges()
+    section = read_table(sections.MapSection, table, ("map",))
+    swept = section.ranges()
     known = " ".join(tool.pose)
     for name in swept:
         require(
@@ -370,5 +370,5 @@ def _read_map(table: Any, tool: sections.ToolSection) -> sections.MapSection:
         f"two coordinates of the pose ({known}) to sweep",
         " ".join(swept) or "none",
     )
-    at = None if found.at is None else read_pose(found.at, tool, ("map", "at"))
-    return found.model_copy(update={"at": at})
+    at = None if section.at is None else read_pose(section.at, tool, ("map", "at"))
+    return section.model_copy(update={"at": at})

@@ -92,8 +92,8 @@ class Reads(BeforeValidator):
 
 
 def _quantity(dimension: q.Dimension, sign: str = "positive") -> Reads:
-    said = f'{dimension.noun} such as "{dimension.example}"'
-    return Reads(lambda value: q.to_si(value, dimension, sign=sign), says=said)
+    description = f'{dimension.noun} such as "{dimension.example}"'
+    return Reads(lambda value: q.to_si(value, dimension, sign=sign), says=description)
 
 
 def parse_whole(value: Any) -> int:
@@ -134,7 +134,7 @@ def _or_word(
     read: Callable[[Any], float],
     word: str,
     meaning: str,
-    said: str,
+    description: str,
     stays: str | None = None,
 ) -> Reads:
     """Return what reads a value by ``read``, and gives ``stays`` for a word or no value."""
@@ -147,7 +147,7 @@ def _or_word(
         except ValueError as error:
             raise ValueError(f'{error} (or "{word}": {meaning})') from error
 
-    return Reads(read_or_word, says=f'{said}, or "{word}": {meaning}')
+    return Reads(read_or_word, says=f'{description}, or "{word}": {meaning}')
 
 
 def _tolerance(value: Any) -> float:

@@ -42,21 +42,21 @@ def check(name: str, *, overrides: Texts, output: Output) -> None:
     """
     robot = load_robot(name, overrides)
     with open_drawing(ahead=output.folder is not None) as draw_now:
-        found = inspect_robot(robot)
+        inspection = inspect_robot(robot)
         parts = {}
         try:
             check_effects(robot)
             parts = check_solids(robot)
         except InputError as error:
-            found = replace(found, error=found.error or str(error))
+            inspection = replace(inspection, error=inspection.error or str(error))
         emit(
             output,
-            inspection_json(found),
-            lambda: show_check(found),
+            inspection_json(inspection),
+            lambda: show_check(inspection),
             manifest=manifest_of(robot),
-            fill=lambda folder: draw_inspection(found, folder, parts, draw_now),
-            page=lambda report: write_check_report(report, found),
+            fill=lambda folder: draw_inspection(inspection, folder, parts, draw_now),
+            page=lambda report: write_check_report(report, inspection),
             kept="check.json",
         )
-    if found.error:
-        raise InputError(found.error)
+    if inspection.error:
+        raise InputError(inspection.error)

@@ -118,9 +118,9 @@ def map_(
     if at is not None:
         fixed = tuple(find_poses(robot, (at,), ()).configurations.poses[0].tolist())
     manifest = manifest_of(robot)
-    made = assemble(robot, components, output)
+    assembled = assemble(robot, components, output)
     swept = evaluated.map_volume(
-        made.mechanism,
+        assembled.mechanism,
         ranges,
         points,
         gravity=gravity,
@@ -128,8 +128,8 @@ def map_(
         frequencies=count,
         wanted=wanted,
     )
-    found = swept.maps[0] if len(ranges) == 2 else swept
-    slices = maps.pick_slices(found)
+    stiffness_map = swept.maps[0] if len(ranges) == 2 else swept
+    slices = maps.pick_slices(stiffness_map)
     figures: dict[
         str, tuple[str, StiffnessMap, Callable[[StiffnessMap], list[maps.Panel]]]
     ] = {}
@@ -140,11 +140,13 @@ def map_(
 
     def fill(folder: Path) -> None:
         with ThreadPoolExecutor(1) as pool:
-            drawn = pool.submit(draw_named_poses, made, folder)  # in a separate process
+            drawn = pool.submit(
+                draw_named_poses, assembled, folder
+            )  # in a separate process
             title = f"{robot.name}: stiffness over the workspace, gravity {gravity}"
-            evaluated.write_map(found, folder, title)
-            if isinstance(found, evaluated.StiffnessVolume):
-                maps.write_volume(evaluated.volume_dataset(found), folder)
+            evaluated.write_map(stiffness_map, folder, title)
+            if isinstance(stiffness_map, evaluated.StiffnessVolume):
+                maps.write_volume(evaluated.volume_dataset(stiffness_map), folder)
             for stem, (words, each, panels) in figures.items():
                 files = folder / f"{stem}.png", folder / f"{stem}.svg"
                 maps.draw_map(
@@ -155,10 +157,10 @@ def map_(
     titles = {stem: words for stem, (words, *_) in figures.items()}
     emit(
         output,
-        lambda: evaluated.volume_dataset(found).to_dict(),
+        lambda: evaluated.volume_dataset(stiffness_map).to_dict(),
         manifest=manifest,
         fill=fill,
-        page=lambda report: write_map_report(report, made, titles),
+        page=lambda report: write_map_report(report, assembled, titles),
     )
 
 
@@ -180,7 +182,7 @@ def _find_ranges(
         return evaluated.require_map(robot).ranges()
     out: dict[str, tuple[float, float]] = {}
     for text in over:
-        name, _, ends = (each.strip() for each in text.partition("="))
+        name, _, ends = (piece.strip() for piece in text.partition("="))
         require(
             name in robot.tool.pose and name not in out,
             f"--over {text}",
@@ -203,18 +205,23 @@ def _read(
 
 
 def _figures(
-    gravity: str, found: StiffnessMap, *, frequencies: bool
+    gravity: str, stiffness_map: StiffnessMap, *, frequencies: bool
 ) -> list[tuple[str, str, Callable[[StiffnessMap], list[maps.Panel]]]]:
     """Return title, file stem and panels of each figure of a map."""
-    where = maps.held_text(found)
+    where = maps.held_text(stiffness_map)
     weighs = gravity != "none"
     under = f", gravity {gravity}"
     held = f"natural frequencies, drives held{where}"
     kinds = (
-        (True, maps.stiffness_title(found) + under, "map", maps.stiffness_panels),
+        (
+            True,
+            maps.stiffness_title(stiffness_map) + under,
+            "map",
+            maps.stiffness_panels,
+        ),
         (True, f"1/C_ii at M, a push{where}{under}", "push", maps.push_panels),
         (
-            found.more,
+            stiffness_map.more,
             f"translation of M{where}{under}",
             "quantities",
             maps.scalar_panels,

@@ -128,9 +128,9 @@ def assemble(
     """
     with open_workshop(output) as shop:
         robots = assemble_robots({"now": robot}, components, shop, whole=whole)
-        made = robots["now"]
-    warn_of_robot(made)
-    return made
+        assembled = robots["now"]
+    warn_of_robot(assembled)
+    return assembled
 
 
 @click.command()
@@ -181,15 +181,17 @@ def deflection(
     manifest = manifest_of(robot)
     assembled = assemble(robot, components, output)
     at = asked.configurations
-    found = deflect(assembled.mechanism, at, load)
+    deflected = deflect(assembled.mechanism, at, load)
     way = np.linspace(0.0, 1.0, steps + 1)
     path = np.concatenate([way, way[-2::-1], -way[1:], -way[-2::-1]])
     curve = find_load_curve(assembled.mechanism, at, load, path) if steps else None
     words = ",".join(f"{value:g}" for value in load)
 
     def show() -> None:
-        error = deflection_bars(assembled, at, found.twist)
-        tables.show_deflection(asked.names, found.twist, found.shares, words, error)
+        error = deflection_bars(assembled, at, deflected.twist)
+        tables.show_deflection(
+            asked.names, deflected.twist, deflected.shares, words, error
+        )
         if curve is not None:
             show_load_curve(asked.names, curve)
 
@@ -211,9 +213,9 @@ def deflection(
         "poses": at.poses,
         "tool": at.tool,
         "wrench": load,
-        "twist": found.twist,
-        "energy": found.energy,
-        "shares": found.shares,
+        "twist": deflected.twist,
+        "energy": deflected.energy,
+        "shares": deflected.shares,
         "convention": CONVENTION,
     }
     if curve is not None:

@@ -151,9 +151,9 @@ def _suggest(name: str, now: Assembled) -> str:
     """Return what to ask next: the effect of a change, what changes most, and a page with sliders."""
     known = parameters(now.robot)
     lengths = [
-        each.name for each in known if each.key[0] == "parts" and each.unit == "m"
+        part.name for part in known if part.key[0] == "parts" and part.unit == "m"
     ]
-    keys = lengths or [each.name for each in known]
+    keys = lengths or [part.name for part in known]
     change = "".join(f"run {name} --set {key}=..., " for key in keys[:1])
     return f"stiffscope {change}sensitivity {name}, or live {name}"
 
@@ -191,10 +191,10 @@ def _watch(
                 robot = _load_checked(name, overrides, tolerance)
                 watched[:] = sources(robot)
                 manifest = manifest_of(robot)
-                made = assemble_robots(
+                assembled = assemble_robots(
                     {"now": robot}, components, shop, whole=False, near=meshed
                 )
-                now = made["now"]
+                now = assembled["now"]
                 state = at_named_poses(now, robot.poses)
                 step = _Step(
                     now,
@@ -310,11 +310,11 @@ def _folder_of(
             _show_robot(now, states)
         with record_shown() as full:
             bars = (
-                each(now, states["now"].configurations)
-                for each in (stiffness_bars, compliance_bars)
+                bound(now, states["now"].configurations)
+                for bound in (stiffness_bars, compliance_bars)
             )
             tables.show_full_matrices(list(now.robot.poses), states["now"], *bars)
-        shown += [replace(each, folded=True) for each in full]
+        shown += [replace(matrix, folded=True) for matrix in full]
         write_run_report(replace(report, shown=shown), now, parts, watched=watched)
 
     return fill, page
@@ -346,9 +346,9 @@ def _find_yielding(now: Assembled, state: Stiffness) -> dict[str, Any]:
     yielded = dict[str, Any]()
     try:
         for push in np.eye(6)[:3]:
-            found = deflect(now.mechanism, state.configurations, push)
-            for name, share in found.shares.items():
-                yielded[name] = yielded.get(name, 0.0) + share * found.energy
+            deflected = deflect(now.mechanism, state.configurations, push)
+            for name, share in deflected.shares.items():
+                yielded[name] = yielded.get(name, 0.0) + share * deflected.energy
     except InputError:
         return {}
     whole = sum(yielded.values(), np.zeros(len(state.configurations)))

@@ -27,24 +27,27 @@ SOURCES = {
 _SHOWN = 8  # lines shown of a list; further lines are only counted
 
 
-def show_check(found: Inspection) -> None:
+def show_check(inspection: Inspection) -> None:
     """Show all tables of an inspection, then its remarks."""
-    show_line(f"{found.robot.name} ({found.robot.path})", "bold")
+    show_line(f"{inspection.robot.name} ({inspection.robot.path})", "bold")
     show_line("")
-    show_facts("Mobility at home", list(_mobility(found)))
-    _lines("Redundant constraints", map(str, found.mobility.redundancies))
-    _lines("Idle motions (neither tool nor drives move)", map(str, found.mobility.idle))
-    _parts(found)
-    _masses(found)
-    _drives(found)
-    if found.configurations is not None:
-        _reach(found)
-        _poses(found)
-    remarks = list(found.remarks)
-    if found.error:
-        remarks.append(f"refused: {found.error}")
+    show_facts("Mobility at home", list(_mobility(inspection)))
+    _lines("Redundant constraints", map(str, inspection.mobility.redundancies))
+    _lines(
+        "Idle motions (neither tool nor drives move)",
+        map(str, inspection.mobility.idle),
+    )
+    _parts(inspection)
+    _masses(inspection)
+    _drives(inspection)
+    if inspection.configurations is not None:
+        _reach(inspection)
+        _poses(inspection)
+    remarks = list(inspection.remarks)
+    if inspection.error:
+        remarks.append(f"refused: {inspection.error}")
     _lines("Remarks", remarks or ["none"])
-    show_doubts(found.doubts)
+    show_doubts(inspection.doubts)
 
 
 def show_doubts(doubts: Sequence[Doubt]) -> None:
@@ -79,16 +82,16 @@ def _lines(title: str, lines: Iterable[str]) -> None:
         show_list(title, listed[:_SHOWN] + more)
 
 
-def _mobility(found: Inspection) -> Iterator[tuple[str, str]]:
-    m = found.mobility
-    mechanism = found.mechanism
+def _mobility(inspection: Inspection) -> Iterator[tuple[str, str]]:
+    m = inspection.mobility
+    mechanism = inspection.mechanism
     count = len(mechanism.bodies)
     elastic = sum(b.elastic is not None for b in mechanism.bodies)
     yield "bodies", f"{count}: {elastic} elastic, {count - elastic} rigid"
     kinds = Counter(joint.kind for joint in mechanism.joints)
     listed = ", ".join(f"{count} {kind}" for kind, count in kinds.items())
     yield "joints", f"{len(mechanism.joints)}: {listed}"
-    closed = f", closed at home to {found.residual:.1g} m" if m.loops else ""
+    closed = f", closed at home to {inspection.residual:.1g} m" if m.loops else ""
     yield "independent loops", f"{len(m.loops)}{closed}"
     count = f"{m.freedoms} joint freedoms" + (
         f" - 6 × {len(m.loops)}" if m.loops else ""
@@ -97,7 +100,7 @@ def _mobility(found: Inspection) -> Iterator[tuple[str, str]]:
     idle = f", {m.idle_count} of them idle" if m.idle_count else ""
     yield "degrees of freedom", f"{m.dof} ({count}{redundant}){idle}"
     yield "tool", _tool(m)
-    yield "drives", _actuation(found)
+    yield "drives", _actuation(inspection)
 
 
 def _tool(m: Mobility) -> str:
@@ -105,13 +108,13 @@ def _tool(m: Mobility) -> str:
     names = {
         w: [name for name, word in m.coordinates.items() if word == w] for w in words
     }
-    said = (f"{word}: {', '.join(each)}" for word, each in names.items() if each)
-    return "; ".join([str(len(m.tool)), *said])
+    lines = (f"{word}: {', '.join(each)}" for word, each in names.items() if each)
+    return "; ".join([str(len(m.tool)), *lines])
 
 
-def _actuation(found: Inspection) -> str:
-    m = found.mobility
-    drives = len(found.mechanism.drives)
+def _actuation(inspection: Inspection) -> str:
+    m = inspection.mobility
+    drives = len(inspection.mechanism.drives)
     if m.loose:
         return f"{drives}: {len(m.loose)} too few for the tool"
     if m.redundant_drives:
@@ -119,9 +122,9 @@ def _actuation(found: Inspection) -> str:
     return f"{drives}: as many as needed"
 
 
-def _parts(found: Inspection) -> None:
+def _parts(inspection: Inspection) -> None:
     rows = []
-    for p in found.parts:
+    for p in inspection.parts:
         length = f"{1e3 * p.length:.4g}" if p.length else ""
         rows.append(
             (p.name, SOURCES[p.source], length, _kg(p.mass), str(len(p.bodies)))
@@ -135,19 +138,19 @@ def _kg(mass: float | None) -> str:
     return "by CAD" if mass is None else f"{mass:.4g}"
 
 
-def _masses(found: Inspection) -> None:
+def _masses(inspection: Inspection) -> None:
     """Show the masses, grouping bodies with the same part and mass."""
     alike: dict[tuple[str, float | None], list[str]] = {}
-    for name, mass in found.masses.items():
+    for name, mass in inspection.masses.items():
         alike.setdefault(
-            (getattr(found.robot.bodies[name], "part", ""), mass), []
+            (getattr(inspection.robot.bodies[name], "part", ""), mass), []
         ).append(name)
-    known = [mass for mass in found.masses.values() if mass is not None]
+    known = [mass for mass in inspection.masses.values() if mass is not None]
     rows = []
     for (part, mass), names in alike.items():
         total = "" if mass is None else f"{mass * len(names):.4g}"
         rows.append((_some(names), part or "rigid", _kg(mass), total))
-    least = "" if len(known) == len(found.masses) else "at least "
+    least = "" if len(known) == len(inspection.masses) else "at least "
     rows.append(("total", "", "", f"{least}{sum(known):.4g}"))
     show_named(
         "Masses", ("bodies", "part", "each kg", "kg"), rows, prose=("bodies", "part")
@@ -160,13 +163,14 @@ def _some(names: Sequence[str], most: int = 3) -> str:
     return f"{', '.join(names[: most - 1])} and {len(names) - most + 1} more"
 
 
-def _drives(found: Inspection) -> None:
+def _drives(inspection: Inspection) -> None:
     rows = []
-    for joint in found.mechanism.drives:
+    for joint in inspection.mechanism.drives:
         if joint.drive is not None:
             axis, unit = ("r", "N·m/rad") if joint.turns else ("x", "N/m")
             ends = (
-                _show_limit(axis, each) for each in (joint.drive.low, joint.drive.high)
+                _show_limit(axis, limit)
+                for limit in (joint.drive.low, joint.drive.high)
             )
             rows.append(
                 (joint.name, joint.kind, f"{joint.drive.stiffness:.4g} {unit}", *ends)
@@ -181,9 +185,9 @@ def _show_limit(coordinate: str, value: float) -> str:
     return f"{factor * value:.5g} {unit}" if np.isfinite(value) else "no limit"
 
 
-def _reach(found: Inspection) -> None:
+def _reach(inspection: Inspection) -> None:
     rows = []
-    for way in found.reach:
+    for way in inspection.reach:
         ends = (_show_limit(way.coordinate, end) for end in (way.low, way.high))
         rows += [
             (way.coordinate, f"{word} {end}", why or "no limit up to here")
@@ -199,10 +203,10 @@ def _reach(found: Inspection) -> None:
     )
 
 
-def _poses(found: Inspection) -> None:
-    names = found.mechanism.tool.pose
+def _poses(inspection: Inspection) -> None:
+    names = inspection.mechanism.tool.pose
     rows = []
-    for pose in found.poses:
+    for pose in inspection.poses:
         conditioning = "-" if pose.conditioning is None else f"{pose.conditioning:.3g}"
         place = ", ".join(map(_show_limit, names, pose.tool))
         rows.append((pose.name, place, pose.reason or "yes", conditioning))

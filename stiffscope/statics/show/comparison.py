@@ -27,39 +27,46 @@ _WORDS = ("entry", "component", "unit")
 _FACTORS = np.array([1e-6] * 3 + [1e-3] * 3)
 
 
-def robots_json(found: RobotComparison) -> dict[str, Any]:
+def robots_json(comparison: RobotComparison) -> dict[str, Any]:
     """Return stiffness, sag and mass of both robots, and ratios of stiffnesses, for JSON output."""
-    diagonal = np.diagonal(found.stiffness, axis1=2, axis2=3)
+    diagonal = np.diagonal(comparison.stiffness, axis1=2, axis2=3)
     return {
-        "robots": list(found.names),
-        "poses": list(found.poses),
-        "stiffness": found.stiffness,
-        "push": found.push,
-        "sag": found.sag,
-        "mass": found.mass,
+        "robots": list(comparison.names),
+        "poses": list(comparison.poses),
+        "stiffness": comparison.stiffness,
+        "push": comparison.push,
+        "sag": comparison.sag,
+        "mass": comparison.mass,
         "ratio": diagonal[1] / diagonal[0],
-        "push_ratio": found.push[1] / found.push[0],
+        "push_ratio": comparison.push[1] / comparison.push[0],
     }
 
 
-def show_robots(found: RobotComparison) -> None:
+def show_robots(comparison: RobotComparison) -> None:
     """Print K_ii, 1/C_ii, sag and mass of both robots, and the change of stiffness and mass."""
-    first, second = found.names
-    diagonal = np.diagonal(found.stiffness, axis1=2, axis2=3)
+    first, second = comparison.names
+    diagonal = np.diagonal(comparison.stiffness, axis1=2, axis2=3)
     rows = []
     sags = []
-    sag = _round_alike(1e6 * found.sag.reshape(2, -1, 2, 3)).reshape(found.sag.shape)
-    for p, pose in enumerate(found.poses):
+    sag = _round_alike(1e6 * comparison.sag.reshape(2, -1, 2, 3)).reshape(
+        comparison.sag.shape
+    )
+    for p, pose in enumerate(comparison.poses):
         pushes = []
         for k, entry in enumerate(DIAGONAL):
             name = "" if k else pose
             held = _compare(diagonal[:, p, k], _FACTORS[k])
             rows.append([name, entry, _UNITS[k], *held])
-            pushed = _compare(found.push[:, p, k], _FACTORS[k])
+            pushed = _compare(comparison.push[:, p, k], _FACTORS[k])
             pushes.append(["", f"1/C_{entry[2:]}", _UNITS[k], *pushed])
             unit = "µm" if k < 3 else "µrad"
             sags.append(
-                [name, COORDINATES[k], unit, *(f"{each:.4g}" for each in sag[:, p, k])]
+                [
+                    name,
+                    COORDINATES[k],
+                    unit,
+                    *(f"{value:.4g}" for value in sag[:, p, k]),
+                ]
             )
         rows += pushes
     groups = [["pose"], ["entry", "unit", first, second, "change"]]
@@ -67,18 +74,18 @@ def show_robots(found: RobotComparison) -> None:
     show_line(f"  {PUSH_WORDS}")
     groups = [["pose"], ["component", "unit", first, second]]
     show_table("Sag under their own weight", groups, sags, prose=_WORDS)
-    masses = ("solids and rigid bodies", *_compare(found.mass, 1.0))
+    masses = ("solids and rigid bodies", *_compare(comparison.mass, 1.0))
     show_table("Mass", [["kg", first, second, "change"]], [masses])
 
 
 def _compare(both: np.ndarray, factor: float) -> tuple[str, str, str]:
     """Return two values in the unit of a table, and the change of the second in percent."""
-    before, after = (float(each) for each in both)
+    before, after = (float(state) for state in both)
     known = np.isfinite(before) and np.isfinite(after) and before
     change = f"{100 * (after / before - 1):+.2f} %" if known else ""
     first, second = (
-        f"{factor * each:.5g}" if np.isfinite(each) else "rigid"
-        for each in (before, after)
+        f"{factor * state:.5g}" if np.isfinite(state) else "rigid"
+        for state in (before, after)
     )
     return first, second, change
 
@@ -94,14 +101,15 @@ def _round_alike(values: np.ndarray) -> np.ndarray:
     return np.round(values / step) * step + 0.0
 
 
-def draw_both(found: RobotComparison, folder: Path) -> None:
+def draw_both(comparison: RobotComparison, folder: Path) -> None:
     """Write both.png: the second robot at the first common pose, with outlines of the first.
 
     Write change.png and change.svg: change in stiffness over the first robot's map, in percent.
     """
-    drawn = [scene_of(made) for made in found.made.values()]
+    drawn = [scene_of(made) for made in comparison.made.values()]
     places = [
-        configure(made.mechanism, found.places[:1]) for made in found.made.values()
+        configure(made.mechanism, comparison.places[:1])
+        for made in comparison.made.values()
     ]
     former, now = (place_robot(place).moves for place in places)
     ghost = {
@@ -109,21 +117,25 @@ def draw_both(found: RobotComparison, folder: Path) -> None:
         "moves": former,
     }
     shown = {"file": "both.png", "moves": now, "ghost": ghost}
-    title = f"{found.names[1]} at {found.poses[0]}; in light outlines {found.names[0]}"
+    title = f"{comparison.names[1]} at {comparison.poses[0]}; in light outlines {comparison.names[0]}"
     with optional_pictures():
         draw("robot", folder, pictures=[shown | {"title": title}], **drawn[1])
-    if found.change is not None:
-        title = f"{found.names[1]} against {found.names[0]}: change of the stiffness"
+    if comparison.change is not None:
+        title = f"{comparison.names[1]} against {comparison.names[0]}: change of the stiffness"
         files = folder / "change.png", folder / "change.svg"
-        panels = maps.difference_panels(found.change, "change (%)", 100.0)
+        panels = maps.difference_panels(comparison.change, "change (%)", 100.0)
         maps.draw_map(
-            found.change, panels, found.made["first"].robot.poses, title, *files
+            comparison.change,
+            panels,
+            comparison.made["first"].robot.poses,
+            title,
+            *files,
         )
 
 
-def write_robots_page(found: RobotComparison, report: Draft) -> None:
+def write_robots_page(comparison: RobotComparison, report: Draft) -> None:
     """Write report.html."""
-    first, second = found.names
+    first, second = comparison.names
     words = "over the workspace"
     change = f"Change of the stiffness at M from {first} to {second} {words}."
     captions = {
@@ -135,4 +147,4 @@ def write_robots_page(found: RobotComparison, report: Draft) -> None:
     }
     facts = [f"robots: {first}, {second}", AT_M]
     sections = [Section("Side by side", report.shown, report.figures(captions))]
-    report.write(" against ".join(found.names), facts, sections)
+    report.write(" against ".join(comparison.names), facts, sections)

@@ -49,18 +49,18 @@ class Panel(NamedTuple):
     colours: str = "viridis"
 
 
-def stiffness_panels(found: StiffnessMap) -> list[Panel]:
+def stiffness_panels(stiffness_map: StiffnessMap) -> list[Panel]:
     """Return panels of the diagonal of K, including the robot's own weight if it acts."""
-    each = zip(TITLES, UNITS, np.moveaxis(found.loaded, -1, 0), strict=True)
+    each = zip(TITLES, UNITS, np.moveaxis(stiffness_map.loaded, -1, 0), strict=True)
     return [
         Panel(f"{title} ({unit})", factor * values)
         for title, (unit, factor), values in each
     ]
 
 
-def push_panels(found: StiffnessMap) -> list[Panel]:
+def push_panels(stiffness_map: StiffnessMap) -> list[Panel]:
     """Return panels of 1/C_ii, the stiffness that a push along each direction meets."""
-    each = zip(COORDINATES, UNITS, np.moveaxis(found.push, -1, 0), strict=True)
+    each = zip(COORDINATES, UNITS, np.moveaxis(stiffness_map.push, -1, 0), strict=True)
     return [
         Panel(
             f"$1/C$ along {axis} ({unit})"
@@ -73,43 +73,49 @@ def push_panels(found: StiffnessMap) -> list[Panel]:
 
 
 def difference_panels(
-    found: StiffnessMap, words: str = "with − without weight (ppm)", factor: float = 1e6
+    stiffness_map: StiffnessMap,
+    words: str = "with − without weight (ppm)",
+    factor: float = 1e6,
 ) -> list[Panel]:
     """Return the change due to the robot's own weight, in ppm of the stiffness without it."""
-    change = factor * (found.loaded / found.stiffness - 1)
+    change = factor * (stiffness_map.loaded / stiffness_map.stiffness - 1)
     return [
         Panel(f"{title} {words}", change[..., k], CHANGE)
         for k, title in enumerate(TITLES)
     ]
 
 
-def scalar_panels(found: StiffnessMap) -> list[Panel]:
+def scalar_panels(stiffness_map: StiffnessMap) -> list[Panel]:
     """Return panels of the additional quantities requested."""
     units = {"N m-1": (" (N/µm)", 1e-6), "m": (" (µm)", 1e6), "1": ("", 1.0)}
-    each = [(scalar, *units[scalar.unit]) for scalar in found.more.values()]
+    each = [(scalar, *units[scalar.unit]) for scalar in stiffness_map.more.values()]
     return [
         Panel(fill(s.words, 34) + unit, factor * s.values) for s, unit, factor in each
     ]
 
 
-def pick_slices(found: StiffnessMap | StiffnessVolume) -> list[StiffnessMap]:
+def pick_slices(stiffness_map: StiffnessMap | StiffnessVolume) -> list[StiffnessMap]:
     """Return a map itself, or the first, middle and last reachable maps of a volume."""
-    if not isinstance(found, StiffnessVolume):
-        return [found]
-    reached = [each for each in found.maps if each.reached.any()]
+    if not isinstance(stiffness_map, StiffnessVolume):
+        return [stiffness_map]
+    reached = [layer for layer in stiffness_map.maps if layer.reached.any()]
     return [reached[k] for k in sorted({0, len(reached) // 2, len(reached) - 1})]
 
 
-def sag_panels(found: StiffnessMap) -> list[Panel]:
+def sag_panels(stiffness_map: StiffnessMap) -> list[Panel]:
     """Return panels of the tool's sag and tilt under the robot's own weight, above rounding."""
-    largest = np.nanmax(np.abs(found.sag), axis=(0, 1))
+    largest = np.nanmax(np.abs(stiffness_map.sag), axis=(0, 1))
     shown = [k for k in range(6) if largest[k] > 1e-4 * largest.max()] or [2]
-    return [Panel(SAGS[k], 1e6 * found.sag[..., k], "magma_r") for k in shown]
+    return [Panel(SAGS[k], 1e6 * stiffness_map.sag[..., k], "magma_r") for k in shown]
 
 
-def frequency_panels(found: StiffnessMap) -> list[Panel]:
+def frequency_panels(stiffness_map: StiffnessMap) -> list[Panel]:
     """Return panels of the first natural frequencies."""
-    values = np.zeros((0, 0, 0)) if found.frequencies is None else found.frequencies
+    values = (
+        np.zeros((0, 0, 0))
+        if stiffness_map.frequencies is None
+        else stiffness_map.frequencies
+    )
     panels = [
         Panel(f"$f_{{{k + 1}}}$ (Hz)", values[..., k]) for k in range(values.shape[2])
     ]
@@ -117,7 +123,7 @@ def frequency_panels(found: StiffnessMap) -> list[Panel]:
 
 
 def draw_map(
-    found: StiffnessMap,
+    stiffness_map: StiffnessMap,
     panels: Sequence[Panel],
     poses: Poses,
     title: str,
@@ -127,7 +133,7 @@ def draw_map(
 
     Parameters
     ----------
-    found, panels
+    stiffness_map, panels
         Map of the robot, and the quantities to draw.
     poses
         Named poses to mark, in all coordinates.
@@ -139,8 +145,10 @@ def draw_map(
 
     columns = min(len(panels), 3)
     rows = -(-len(panels) // columns)
-    across, up = (float(np.ptp(values)) for values in (found.columns, found.rows))
-    alike = shown_unit(found.across) == shown_unit(found.up)
+    across, up = (
+        float(np.ptp(values)) for values in (stiffness_map.columns, stiffness_map.rows)
+    )
+    alike = shown_unit(stiffness_map.across) == shown_unit(stiffness_map.up)
     slim = np.clip(up / across, 0.4, 1.6) if alike else 0.8
     size = 4.5 * columns, 0.8 + (0.6 + 3.6 * slim) * rows
     figure = Figure(figsize=size, layout="constrained", facecolor="white")
@@ -155,24 +163,24 @@ def draw_map(
     for axes in grid[len(panels) :]:
         axes.remove()
     for axes, panel in zip(grid, panels, strict=False):
-        _fill(axes, found, panel)
-        _mark(axes, found, poses)
-    if found.down:
+        _fill(axes, stiffness_map, panel)
+        _mark(axes, stiffness_map, poses)
+    if stiffness_map.down:
         grid[0].invert_yaxis()
     save_figure(figure, *targets)
 
 
-def _fill(axes: Axes, found: StiffnessMap, panel: Panel) -> None:
-    (across, wide) = shown_unit(found.across)
-    (up, tall) = shown_unit(found.up)
-    grid = across * found.columns, up * found.rows
+def _fill(axes: Axes, stiffness_map: StiffnessMap, panel: Panel) -> None:
+    (across, wide) = shown_unit(stiffness_map.across)
+    (up, tall) = shown_unit(stiffness_map.up)
+    grid = across * stiffness_map.columns, up * stiffness_map.rows
     if np.isfinite(panel.values).any():
         _colour(axes, grid, panel)
     else:
         axes.pcolormesh(
             *grid, panel.values, shading="nearest", rasterized=True, vmin=0.0, vmax=1.0
         )
-        text = "rigid" if found.rigid.any() else "no value"
+        text = "rigid" if stiffness_map.rigid.any() else "no value"
         axes.text(
             0.5,
             0.85,
@@ -183,8 +191,11 @@ def _fill(axes: Axes, found: StiffnessMap, panel: Panel) -> None:
             fontsize=14,
             color=MARK,
         )
-    down = ", down" if found.down else ""
-    axes.set(xlabel=f"{found.across} ({wide})", ylabel=f"{found.up} ({tall}{down})")
+    down = ", down" if stiffness_map.down else ""
+    axes.set(
+        xlabel=f"{stiffness_map.across} ({wide})",
+        ylabel=f"{stiffness_map.up} ({tall}{down})",
+    )
     axes.set_aspect("equal" if wide == tall else "auto")
     axes.set_title(panel.title, fontsize=12)
     axes.label_outer()
@@ -271,19 +282,20 @@ def _limits(values: np.ndarray) -> tuple[float, float, bool]:
     return low, high, False
 
 
-def _mark(axes: Axes, found: StiffnessMap, poses: Poses) -> None:
+def _mark(axes: Axes, stiffness_map: StiffnessMap, poses: Poses) -> None:
     """Mark the named poses that lie in the map."""
     from matplotlib.patheffects import withStroke
 
     halo: Any = [withStroke(linewidth=2.5, foreground="white")]
-    swept = {found.across, found.up}
-    names = [name for name in COORDINATES if name in swept or name in found.at]
+    swept = {stiffness_map.across, stiffness_map.up}
+    names = [name for name in COORDINATES if name in swept or name in stiffness_map.at]
     for label, pose in poses.items():
         coordinates = dict(zip(names, pose, strict=True))
-        if not found.holds(coordinates):
+        if not stiffness_map.holds(coordinates):
             continue
         place: Any = [
-            shown_unit(name)[0] * coordinates[name] for name in (found.across, found.up)
+            shown_unit(name)[0] * coordinates[name]
+            for name in (stiffness_map.across, stiffness_map.up)
         ]
         axes.plot(*place, "o", color=MARK, markersize=5, markeredgecolor="white")
         style: Any = {"weight": "bold", "path_effects": halo, "parse_math": False}
@@ -296,35 +308,35 @@ def _mark(axes: Axes, found: StiffnessMap, poses: Poses) -> None:
         axes.annotate(label, place, (-6 if left else 6, 5), **style)
 
 
-def write_volume(found: xr.Dataset, folder: Path) -> None:
+def write_volume(dataset: xr.Dataset, folder: Path) -> None:
     """Write map.vti with point data by variable; m and rad, NaN if out of reach."""
     import pyvista as pv
 
-    order = next(iter(found.data_vars.values())).dims[::-1]
-    places = [found[name].to_numpy() for name in order]
-    starts, nexts = np.array([each[:2] for each in places]).T
+    order = next(iter(dataset.data_vars.values())).dims[::-1]
+    places = [dataset[name].to_numpy() for name in order]
+    starts, nexts = np.array([place[:2] for place in places]).T
     sizes: Any = {"spacing": (nexts - starts).tolist(), "origin": starts.tolist()}
     image = pv.ImageData(dimensions=tuple(map(len, places)), **sizes)
-    for name, values in found.data_vars.items():
+    for name, values in dataset.data_vars.items():
         image.point_data[str(name)] = np.ascontiguousarray(values.to_numpy()).ravel()
     image.save(folder / "map.vti")
 
 
-def held_text(found: StiffnessMap) -> str:
+def held_text(stiffness_map: StiffnessMap) -> str:
     """Return what is held for the end of a title: ", y = 0 mm, turntable as at home"; "" if there is nothing."""
-    said = ""
-    for name, value in found.at.items():
+    text = ""
+    for name, value in stiffness_map.at.items():
         factor, unit = shown_unit(name)
-        said += f", {name} = {factor * value:z.5g} {unit}"
-    return said + "".join(f", {name} as at home" for name in found.still)
+        text += f", {name} = {factor * value:z.5g} {unit}"
+    return text + "".join(f", {name} as at home" for name in stiffness_map.still)
 
 
-def stiffness_title(found: StiffnessMap) -> str:
+def stiffness_title(stiffness_map: StiffnessMap) -> str:
     """Return the title of a map's `stiffness_panels`."""
     what = "diagonal of K"
-    if found.rigid.any():
+    if stiffness_map.rigid.any():
         what += "; 1/C_ii where a direction is rigid"
-    return f"stiffness at M ({what}){held_text(found)}"
+    return f"stiffness at M ({what}){held_text(stiffness_map)}"
 
 
 def order_map(assembled: Assembled, target: Path) -> list[Order]:
@@ -344,7 +356,13 @@ def order_map(assembled: Assembled, target: Path) -> list[Order]:
 
 def _draw_map(assembled: Assembled, folder: Path) -> None:
     robot = assembled.robot
-    found = map_robot(robot, assembled.mechanism, MAP_POINTS, "exact")
-    write_map(found, folder)
-    title = f"{robot.name}: {stiffness_title(found)}, gravity exact"
-    draw_map(found, stiffness_panels(found), robot.poses, title, folder / "map.png")
+    stiffness_map = map_robot(robot, assembled.mechanism, MAP_POINTS, "exact")
+    write_map(stiffness_map, folder)
+    title = f"{robot.name}: {stiffness_title(stiffness_map)}, gravity exact"
+    draw_map(
+        stiffness_map,
+        stiffness_panels(stiffness_map),
+        robot.poses,
+        title,
+        folder / "map.png",
+    )

@@ -26,28 +26,28 @@ _TOGETHER = 6  # pictures drawn by one process
 _WITHIN = 0.2  # share of a mode's energy within parts above which the title mentions it
 
 
-def modes_json(found: Modes) -> dict[str, Any]:
+def modes_json(vibration_modes: Modes) -> dict[str, Any]:
     """Return modes for JSON output; node twists at M in base axes are [pose][mode][component]."""
     names = {END: "tool", FOOT: "base"}
     shapes = {
         names.get(node, node): each.swapaxes(1, 2)
-        for node, each in found.shapes.items()
+        for node, each in vibration_modes.shapes.items()
     }
     return {
-        "poses": found.configurations.poses,
-        "tool": found.configurations.tool,
-        "frequencies": found.frequencies,
-        "error": found.error,
+        "poses": vibration_modes.configurations.poses,
+        "tool": vibration_modes.configurations.tool,
+        "frequencies": vibration_modes.frequencies,
+        "error": vibration_modes.error,
         "shapes": shapes,
-        "energy": found.energy,
-        "internal": found.internal,
-        "remarks": list(found.remarks),
+        "energy": vibration_modes.energy,
+        "internal": vibration_modes.internal,
+        "remarks": list(vibration_modes.remarks),
         "convention": CONVENTION,
     }
 
 
 def draw_modes(
-    assembled: Assembled, names: Sequence[str], found: Modes, folder: Path
+    assembled: Assembled, names: Sequence[str], vibration_modes: Modes, folder: Path
 ) -> None:
     """Draw each mode at each pose, coloured by energy: ``mode_POSE_NUMBER.png``.
 
@@ -58,7 +58,7 @@ def draw_modes(
     ----------
     assembled, folder
         Robot with its parts' matrices, and folder to write to.
-    names, found
+    names, vibration_modes
         Names (n,) of the poses, and modes there.
     """
     steps = np.arange(-_STEPS // 4, _STEPS // 4 + 1)
@@ -66,13 +66,15 @@ def draw_modes(
     order = [*range(len(sines)), *range(len(sines) - 2, 0, -1)]
     stills: list[dict[str, Any]] = []
     moving: list[dict[str, Any]] = []
-    for k, (name, cases) in enumerate(zip(names, mode_cases(found), strict=True)):
-        here = place_robot(found.configurations, k)
+    for k, (name, cases) in enumerate(
+        zip(names, mode_cases(vibration_modes), strict=True)
+    ):
+        here = place_robot(vibration_modes.configurations, k)
         pose = name if name.replace("_", "").replace("-", "").isalnum() else str(k + 1)
-        known = np.flatnonzero(np.isfinite(found.frequencies[k]))
+        known = np.flatnonzero(np.isfinite(vibration_modes.frequencies[k]))
         for i, case in zip(known, cases, strict=True):
-            hertz = found.frequencies[k, i]
-            within = float(found.internal[k, i])
+            hertz = vibration_modes.frequencies[k, i]
+            within = float(vibration_modes.internal[k, i])
             title = f"{assembled.robot.name} at {name}: mode {i + 1}, {hertz:.4g} Hz"
             if within > _WITHIN:
                 title += f"; {100 * within:.0f} % of the energy is in parts between their ends"
@@ -86,7 +88,9 @@ def draw_modes(
                 film = {"file": f"{stem}.gif", "frames": frames, "order": order}
                 moving.append(shown | film)
     starts = (
-        (each, k) for each in (moving, stills) for k in range(0, len(each), _TOGETHER)
+        (picture, k)
+        for picture in (moving, stills)
+        for k in range(0, len(picture), _TOGETHER)
     )
     jobs = [each[k : k + _TOGETHER] for each, k in starts]
     common: dict[str, Any] = {**scene_of(assembled), "scale": ENERGY}

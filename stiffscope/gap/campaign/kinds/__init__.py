@@ -57,8 +57,8 @@ def numbers_by_code(fact: Callable[[Kind], float]) -> Array:
 
 
 def _number_channels() -> Indices:
-    own = {name: len(AXES) + k for k, name in enumerate(INSTRUMENTS)}
-    channels = [own.get(kind.instrument, -1) for kind in KINDS]
+    numbers = {name: len(AXES) + k for k, name in enumerate(INSTRUMENTS)}
+    channels = [numbers.get(kind.instrument, -1) for kind in KINDS]
     plain = np.array(channels)[KIND_OF]
     return np.where(plain < 0, DIRECTION_OF, plain)
 

@@ -44,9 +44,11 @@ class Motions(Predictor):
             out[which] = np.einsum("ni,ij,nj->n", axis, shown, twist)
         placed = prediction.placed_instruments
         if placed is not None:
-            own = prediction.at.instruments.rows
+            instrument_rows = prediction.at.instruments.rows
             seen = np.zeros(len(c))
-            seen[own] = placed.seen - (0.0 if c.expected is None else c.expected[own])
+            seen[instrument_rows] = placed.seen - (
+                0.0 if c.expected is None else c.expected[instrument_rows]
+            )
             absolute = c.is_absolute[rows]
             out[absolute] = seen[rows[absolute]]
         return out
