@@ -90,12 +90,3 @@ def test_together_they_are_no_less_certain_and_both_are_held_out(answers):
         gap = gaps[kind]
         assert 0.95 * gap.after < gap.held_out < 1.2 * gap.after
         assert gap.held_out < 0.2 * gap.before
-
-
-@pytest.mark.extended
-def test_what_follows_a_hose_in_part_is_no_certain_cause(tmp_path):
-    # drives and base beside two small effects, without which they leave the lines
-    write(tmp_path, "delta", "hose", 931)
-    found = answer(tmp_path, read=False, struck=True).said
-    assert found.verdict == "unexplained"
-    assert not found.effects

@@ -49,7 +49,7 @@ def judge_findings(found: Findings) -> Judgement:
     best = found.best
     none = found.none
     certain, strange, unsettled = _find_certain(found)
-    missed = _miss_lines(found, certain)
+    missed = find_missed_lines(found, certain)
     reasons = [missed] if missed else []
     if missed:
         certain = []
@@ -92,7 +92,7 @@ def judge_findings(found: Findings) -> Judgement:
     return Judgement("ambiguous", known.words, known, tuple(unsettled))
 
 
-def _miss_lines(found: Findings, certain: Sequence[Candidate]) -> str:
+def find_missed_lines(found: Findings, certain: Sequence[Candidate]) -> str:
     """Return why no effect is certain by lines that the likeliest set or the certain ones leave.
 
     Effects beside these, too small to be certain, may be what follows an unknown cause.
