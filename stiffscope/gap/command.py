@@ -33,6 +33,7 @@ from stiffscope.gap.campaigns import (
 from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.gap.inference.posterior_samples import write_posterior, write_readings
 from stiffscope.gap.planning.candidates import propose_plan
+from stiffscope.gap.planning.hits import propose_hits, write_hits
 from stiffscope.gap.show import campaign as campaign_check
 from stiffscope.gap.show import tables as gap_tables
 from stiffscope.gap.show.page import share_view, write_diagnosis_report
@@ -44,6 +45,7 @@ from stiffscope.report.pictures import open_drawing
 from stiffscope.robot.library import robot_names
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.reader import load_robot
+from stiffscope.runtime.output import staged_folder
 
 if TYPE_CHECKING:
     from stiffscope.cli.output import Output
@@ -57,6 +59,7 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.description import RobotFile
 
 log = logging.getLogger(__name__)
+_HAMMER = Path("hammer")
 
 
 @click.command()
@@ -196,9 +199,10 @@ def campaign() -> None:
 @click.option(
     "--with",
     "given",
-    metavar="CAMPAIGN",
+    metavar="CAMPAIGN|hammer",
     type=options.PATH,
-    help="With --ask: plan with the sensors and loads of this campaign alone, and the forces of its readings.",
+    help="With --ask: plan with the sensors and loads of this campaign alone, and the forces of its readings; "
+    "or, with a hammer, where to hit and where to listen.",
 )
 def new_campaign(
     name: str, goal: Path, *, ask: str | None, given: Path | None, output: Output
@@ -214,6 +218,10 @@ def new_campaign(
     plan = {}
     if given is not None and ask is None:
         raise InputError("--with: expected a question, --ask, too")
+    hammered = given is not None and given == _HAMMER and not given.is_dir()
+    if ask is not None and hammered:
+        _plan_hits(robot, named, goal, ask, output)
+        return
     if ask is not None:
         own = None if given is None else _load_own(given, robot)
         with open_workshop(output) as shop:
@@ -237,6 +245,26 @@ def new_campaign(
         {"folder": str(goal), "readings": readings, "poses": poses, **plan},
         show,
     )
+
+
+def _plan_hits(
+    robot: RobotFile, named: str, goal: Path, ask: str, output: Output
+) -> None:
+    """Write and show a planned hammer test."""
+    with open_workshop(output) as shop:
+        made = assemble_robots({"nominal": robot}, "beam", shop)["nominal"]
+    proposal = propose_hits(NominalRobot(made.mechanism, robot), ask)
+    with staged_folder(goal, new=True) as aside:
+        write_hits(aside, named, proposal)
+
+    def show() -> None:
+        campaign_check.show_hits(proposal)
+        tables.show_line(f"Written: {goal}, {say_count(len(proposal.taps), 'hit')}.")
+        tables.show_line(f"Next: measure, then stiffscope campaign check {goal}")
+
+    hits = len(proposal.taps)
+    plan = campaign_check.hits_json(proposal)
+    emit(output, {"folder": str(goal), "hits": hits, "plan": plan}, show)
 
 
 def _load_own(folder: Path, robot: RobotFile) -> Campaign | Header:

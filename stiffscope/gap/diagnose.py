@@ -118,17 +118,21 @@ def forward_model(
     campaign: Campaign,
     robot: NominalRobot | None,
     responses: Sequence[MeasuredResponses] = (),
+    *,
+    without: str = "",
 ) -> ForwardModel:
-    """Return a campaign's forward model. Raises InputError without robot or predictions."""
+    """Return a campaign's forward model. Raises InputError without robot or predictions.
+
+    without: an effect that its library lacks.
+    """
     if campaign.predictions:
         return ColumnModel(campaign)
     if robot is None:
         raise InputError("campaign: expected a robot or predictions, got neither")
-    if not responses:
-        return RobotModel(campaign, robot)
-    if not len(campaign):
+    if responses and not len(campaign):
         campaign = place_at_responses(campaign, responses)
-    return JointModel(RobotModel(campaign, robot), tuple(responses))
+    readings = RobotModel(campaign, robot, without=without)
+    return JointModel(readings, tuple(responses)) if responses else readings
 
 
 def conclude(found: Findings) -> Diagnosis:

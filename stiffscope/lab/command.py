@@ -48,6 +48,12 @@ log = logging.getLogger(__name__)
     show_default=True,
     help="Whose mechanics the simulated machine has: our own laboratory's, or EXUDYN's.",
 )
+@click.option(
+    "--with",
+    "instrument",
+    type=click.Choice(("hammer",)),
+    help="Hammer tests alone, as universal files; by default gauges, trackers and others in turn.",
+)
 @options.scheduler
 def blind(
     names: Texts,
@@ -56,6 +62,7 @@ def blind(
     campaigns: int,
     seed: int,
     mechanics: Mechanics,
+    instrument: str | None,
     scheduler: str | None,
     output: Output,
 ) -> None:
@@ -70,12 +77,16 @@ def blind(
         raise InputError(
             "--machine exudyn: expected the package exudyn; `pip install stiffscope[exudyn]`"
         )
+    if mechanics == "exudyn" and instrument is not None:
+        raise InputError("--with hammer: expected --machine own, got exudyn")
     cases = out.with_name(f"{out.name}.cases")
     check_cases(cases)
     robots = [load_robot(name) for name in names or ("biglide",)]
     manifest = manifest_of(robots[0], *(robot.path for robot in robots[1:]))
     with open_workshop(output) as shop:
-        drawn = blind_robots(robots, components, shop, mechanics)
+        drawn = blind_robots(
+            robots, components, shop, mechanics, hammered=instrument == "hammer"
+        )
         report = shop.open_line("blind")
         scores = run_blind(
             cases,
@@ -96,6 +107,7 @@ def blind(
         "campaigns": campaigns,
         "seed": seed,
         "machine": mechanics,
+        "with": instrument,
         "seconds": round(manifest.measure_elapsed(), 1),
     }
     emit(

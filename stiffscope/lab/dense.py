@@ -207,6 +207,6 @@ class DenseMachine:
         stiffness = 1.0 - square * mass[order]
         return DenseModes(mass[order], stiffness, self.basis @ root @ turned[:, order])
 
-    def find_motion(self, modes: DenseModes, spot: Spot) -> Array:
-        """Return the motion (3, c) of a spot in each mode, base axes."""
-        return self._move(spot.node, spot.at)[:3] @ modes.shapes
+    def find_twist(self, modes: DenseModes, node: str) -> Array:
+        """Return the twist (6, c) of a node about the origin in each mode."""
+        return self._carry(node, np.eye(6)) @ modes.shapes

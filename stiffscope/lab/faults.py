@@ -345,6 +345,11 @@ def _at_single_channels(sensors: Sequence[str]) -> tuple[str, ...]:
     return tuple(sensors or COORDINATES)
 
 
+def _at_points(points: Sequence[str]) -> tuple[str, ...]:
+    """Return the points of a hammer test."""
+    return tuple(points)
+
+
 def _at_pairs(sensors: Sequence[str]) -> tuple[str, ...]:
     """Return pairs of axes, or of components of the force, that may be exchanged."""
     axes = () if sensors else ("x/y", "y/z", "x/z")
@@ -446,6 +451,11 @@ KNOWN: dict[str, Word] = {
             m.gravity.any() and any(b.mass for b in _find_rigid(m, at).values())
         ),
         steps=({"factor": 1.0 + _TURN},),
+    ),
+    "sensor-mass": Word(
+        ("mass",),
+        lambda m, at, v: replace(m, sensor_masses={**m.sensor_masses, at: v["mass"]}),
+        where=_at_points,
     ),
     "link-stiffness": Word(
         ("factor",),

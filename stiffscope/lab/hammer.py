@@ -9,16 +9,17 @@ import numpy as np
 
 from stiffscope.gap.campaign.writing import write_campaign
 from stiffscope.lab.dense import DenseMachine
+from stiffscope.lab.rotations import lever
 from stiffscope.responses.model import Direction, Response
 from stiffscope.responses.uff_writing import write_uff
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
 
-    from stiffscope.lab.closure import Located
+    from stiffscope.lab.closure import Frames, Located
     from stiffscope.lab.machine import Machine
     from stiffscope.lab.response import Spot
     from stiffscope.lab.rotations import Array
@@ -84,6 +85,70 @@ class HammerNoise:
 MODES = 400  # with a damping ratio of their own, more than any robot has in a band
 
 
+@dataclass(frozen=True, eq=False)
+class Ringing:
+    """Modes (c,) of a machine at one pose, by frequency.
+
+    Attributes
+    ----------
+    mass, stiffness
+        Modal masses and stiffnesses (c,).
+    twists
+        Twists (6, c) of its nodes about the origin.
+    frames
+        Where these are.
+    """
+
+    mass: Array
+    stiffness: Array
+    twists: Mapping[str, Array]
+    frames: Frames
+
+    def respond(self, plan: HammerPlan, damping: Array) -> Complex:
+        """Return the receptances (hits, motions, f) of a plan; see `strike`."""
+        omega = 2.0 * np.pi * plan.hertz
+        ratios = np.concatenate([damping, np.full(len(self.mass), damping[-1])])
+        critical = 2.0 * np.sqrt((self.mass * self.stiffness).clip(min=0.0))
+        loss = (ratios[: len(self.mass)] * critical)[:, None] * omega
+        rigidity = self.stiffness[:, None] - self.mass[:, None] * omega**2
+        moved = {
+            name: (lever(self.frames.point(spot.node, spot.at)[0]) @ twist)[:3]
+            for name, spot in plan.points.items()
+            for twist in [self.twists[spot.node]]
+        }
+        hits, motions = (
+            np.array([each.sign * moved[each.point][each.axis] for each in ends])
+            for ends in (plan.hits, plan.motions)
+        )
+        return np.einsum(
+            "hc,mc,cf->hmf", hits, motions, 1.0 / (rigidity + 1j * loss), optimize=True
+        )
+
+
+def ring(
+    machine: Machine,
+    located: Located,
+    nodes: Iterable[str],
+    about: float,
+    points: Mapping[str, Spot] | None = None,
+) -> Ringing:
+    """Return the modes of a machine at one pose.
+
+    Parameters
+    ----------
+    machine, located, points
+        As for `DenseMachine`.
+    nodes
+        Nodes whose motions are of interest.
+    about
+        Frequency, Hz, of the size of the lowest mode.
+    """
+    dense = DenseMachine(machine, located, points)
+    modes = dense.solve(about)
+    twists = {node: dense.find_twist(modes, node) for node in nodes}
+    return Ringing(modes.mass, modes.stiffness, twists, dense.frames)
+
+
 def strike(
     machine: Machine, plan: HammerPlan, located: Located, damping: Array
 ) -> Complex:
@@ -98,23 +163,12 @@ def strike(
     damping
         Damping ratios (c,) of the modes by frequency; the last one is that of all above.
     """
-    omega = 2.0 * np.pi * plan.hertz
-    out: list[Complex] = []
-    for k in range(len(plan.poses)):
-        dense = DenseMachine(machine, located.some([k]), plan.points)
-        modes = dense.solve(plan.about)
-        count = len(modes.mass)
-        ratios = np.concatenate([damping, np.full(count, damping[-1])])[:count]
-        critical = 2.0 * np.sqrt((modes.mass * modes.stiffness).clip(min=0.0))
-        rigidity = modes.stiffness[:, None] - modes.mass[:, None] * omega**2
-        response = 1.0 / (rigidity + 1j * (ratios * critical)[:, None] * omega)
-        moved = {n: dense.find_motion(modes, at) for n, at in plan.points.items()}
-        hits, motions = (
-            np.array([each.sign * moved[each.point][each.axis] for each in ends])
-            for ends in (plan.hits, plan.motions)
-        )
-        out.append(np.einsum("hc,mc,cf->hmf", hits, motions, response))
-    return np.array(out)
+    nodes = {spot.node for spot in plan.points.values()}
+    each = (
+        ring(machine, located.some([k]), nodes, plan.about, plan.points)
+        for k in range(len(plan.poses))
+    )
+    return np.array([ringing.respond(plan, damping) for ringing in each])
 
 
 def record(

@@ -22,9 +22,10 @@ if TYPE_CHECKING:
     from stiffscope.lab.machine import Machine
     from stiffscope.lab.rotations import Array
 
-Style = Literal["tool", "gauges", "sag", "tracker"]
+Style = Literal["tool", "gauges", "sag", "tracker", "hammer"]
 """The tool's pose with and without loads; five gauges and a hook; the unloaded tool only; positions
-of three targets on the tool, with and without loads, by a tracker that stands anywhere."""
+of three targets on the tool, with and without loads, by a tracker that stands anywhere; frequency
+responses by hammer."""
 
 FORCE = 500.0
 MOMENT = 100.0  # N, N·m: loads of a device, increased for robots stiffer than

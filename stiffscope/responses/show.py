@@ -34,27 +34,19 @@ MOST_LISTED = 6  # resonances in the table
 
 def responses_json(read: ResponseFile) -> dict[str, Any]:
     """Return what a file holds, in SI units."""
-    rows = []
-    for response in read.responses:
-        static = find_static_stiffness(response)
-        rows.append(
-            {
-                "force": direction_json(response.force),
-                "motion": direction_json(response.motion),
-                "quantity": response.quantity,
-                "band": [float(response.frequency[0]), float(response.frequency[-1])],
-                "lines": len(response.frequency),
-                "resonances": response.frequency[find_resonances(response)].tolist(),
-                "static_stiffness": None
-                if static is None
-                else {
-                    "value": static.stiffness,
-                    "spread": static.spread,
-                    "band": list(static.band),
-                },
-                "source": response.source,
-            }
-        )
+    rows = [
+        {
+            "force": direction_json(response.force),
+            "motion": direction_json(response.motion),
+            "quantity": response.quantity,
+            "band": [float(response.frequency[0]), float(response.frequency[-1])],
+            "lines": len(response.frequency),
+            "resonances": response.frequency[find_resonances(response)].tolist(),
+            "static_stiffness": static_json(response),
+            "source": response.source,
+        }
+        for response in read.responses
+    ]
     return {
         "file": str(read.path),
         "points": {name: list(map(float, at)) for name, at in read.points.items()},
@@ -112,7 +104,12 @@ def show_responses(read: ResponseFile) -> None:
     show_table(
         f"Responses of {read.path.name}", columns, rows, prose=("resonances Hz",)
     )
-    _show_static(read)
+    show_static(
+        [
+            (str(each.force), AXES[each.force.axis], static_json(each))
+            for each in read.responses
+        ]
+    )
     if read.shapes:
         modes = [
             (
@@ -130,22 +127,35 @@ def show_responses(read: ResponseFile) -> None:
         show_line(remark)
 
 
-def _show_static(read: ResponseFile) -> None:
+def static_json(response: Response) -> dict[str, Any] | None:
+    """Return the static stiffness that a driving point shows, SI; None if none."""
+    static = find_static_stiffness(response)
+    if static is None:
+        return None
+    return {
+        "value": static.stiffness,
+        "spread": static.spread,
+        "band": list(static.band),
+    }
+
+
+def show_static(found: Sequence[tuple[str, str, dict[str, Any] | None]]) -> None:
+    """Print the static stiffnesses of driving points: name, axis, and what `static_json` returns."""
     rows = []
-    for response in read.responses:
-        static = find_static_stiffness(response)
+    for force, axis, static in found:
         if static is None:
             continue
-        turns = response.force.axis > 2
+        turns = axis.startswith("r")
         unit = "N·m/rad" if turns else "N/µm"
         factor = 1.0 if turns else 1e-6
+        low, high = static["band"]
         rows.append(
             (
-                str(response.force),
-                f"{factor * static.stiffness:.4g}",
-                f"{factor * static.spread:.2g}",
+                force,
+                f"{factor * static['value']:.4g}",
+                f"{factor * static['spread']:.2g}",
                 unit,
-                f"{static.band[0]:.4g} to {static.band[1]:.4g}",
+                f"{low:.4g} to {high:.4g}",
             )
         )
     if rows:

@@ -25,7 +25,6 @@ UNITS = {"1", "m", "rad", "kg", "K", "N", "N·m", "m/N", "rad/(N·m)", "rad/m", 
 UNITS |= {"Pa", "1/(N·m)", "N/m³", "SI", ""}
 WITHOUT_LAB = {
     "geometry": "many joint axes and zeros, which the laboratory has singly",
-    "sensor-mass": "the laboratory has no hammer; tests/gap/test_struck_robots.py has",
 }
 DOUBTS = Doubts(
     {"gauge": 1e3},

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
     from stiffscope.gap.campaign.campaign_header import Header
-    from stiffscope.gap.forward.forward_model import Candidate
+    from stiffscope.gap.forward.forward_model import Candidate, ForwardModel
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.nominal import NominalRobot
     from stiffscope.runtime.types import Array
@@ -108,7 +108,7 @@ def propose_plan(
         c.name: c for c in simple if len(c.scale) == len(c.names)
     }  # no isotropic supports
     sides = read_question(question, known)
-    pairs = _pair_up(model, known, sides)
+    pairs = pair_up(model, known, sides)
     told = list(compress(pairs, judge_pairs(pairs, range(len(campaign))) >= AMPLE))
     asked = [known[name] for name in dict.fromkeys([*sides[0], *sides[1]])]
     least = VERDICT.few * (1 + max(len(c.scale) for c in asked))
@@ -117,7 +117,7 @@ def propose_plan(
         rows, "--ask", "causes that these instruments can distinguish", f"{question!r}"
     )
     names = {c.name for c in asked}
-    answers = _summarize(pairs, told, names, _find_larger(pairs, told, offer))
+    answers = summarize(pairs, told, names, _find_larger(pairs, told, offer))
     return Proposal(offer.select(rows), tuple(answers))
 
 
@@ -212,12 +212,14 @@ def _place_hooks(robot: RobotFile, size: float) -> list[LoadPoint]:
 def _place_sensors(robot: RobotFile, joints: Sequence[Joint]) -> list[Sensor]:
     """Return gauges and a level at the tool, and gauges at some other bodies."""
     sensors = [replace(sensor, zero="none") for sensor in example_sensors(robot)]
-    for body, place in _touch(robot, joints):
+    for body, place in find_touched(robot, joints):
         sensors += place_gauges(f"gauge_{body.replace('.', '_')}", body, place)
     return sensors
 
 
-def _touch(robot: RobotFile, joints: Sequence[Joint]) -> list[tuple[str, Array]]:
+def find_touched(
+    robot: RobotFile, joints: Sequence[Joint], most: int = _BODIES
+) -> list[tuple[str, Array]]:
     """Return some other bodies, evenly chosen, with gauge points: the tip, or the mean joint."""
     found: list[tuple[str, Array]] = []
     for name, section in robot.bodies.items():
@@ -226,7 +228,7 @@ def _touch(robot: RobotFile, joints: Sequence[Joint]) -> list[tuple[str, Array]]
         elif name != robot.tool.body:
             at = [j.at for j in joints if name in (j.first, j.second)]
             found += [(name, np.round(np.mean(at, axis=0), 4))] if at else []
-    count = min(_BODIES, len(found))
+    count = min(most, len(found))
     return [found[k * (len(found) - 1) // max(count - 1, 1)] for k in range(count)]
 
 
@@ -264,12 +266,16 @@ def _find_causes(patterns: str, known: tuple[str, ...]) -> tuple[str, ...]:
     return tuple(found)
 
 
-def _pair_up(
-    model: RobotModel,
+def pair_up(
+    model: ForwardModel,
     known: dict[str, Candidate],
     sides: tuple[tuple[str, ...], tuple[str, ...]],
+    size: float = USUAL,
 ) -> list[Pair]:
-    """Pair parameters of the question's causes with the other side, other causes and none."""
+    """Pair parameters of the question's causes with the other side, other causes and none.
+
+    size: of faults, in their units.
+    """
     prediction = model.predict()
     sigma = model.campaign.sigma[:, None]
     columns = {
@@ -280,7 +286,7 @@ def _pair_up(
     asked = {*sides[0], *sides[1]}
     out: list[Pair] = []
     for first in dict.fromkeys([*sides[0], *sides[1]]):
-        changes = USUAL * columns[first].T
+        changes = size * columns[first].T
         opposite = {
             name
             for own, other in (sides, sides[::-1])
@@ -297,7 +303,7 @@ def _pair_up(
     return out
 
 
-def _summarize(
+def summarize(
     pairs: Sequence[Pair],
     told: Sequence[Pair],
     asked: set[str],

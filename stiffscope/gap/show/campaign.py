@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.campaign.sanity import ReadingRemark
     from stiffscope.gap.forward.response_model import ComparedResponses
     from stiffscope.gap.planning.candidates import Answered, Proposal
+    from stiffscope.gap.planning.hits import HitProposal
     from stiffscope.report.run_report import Draft
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.vjm.kinematics.configurations import Configurations
@@ -54,18 +55,60 @@ def plan_json(proposal: Proposal) -> dict[str, Any]:
         "sensors": [sensor.name for sensor in proposal.plan.sensors],
         "loads": [hook.name for hook in proposal.plan.hooks],
         "enough": ENOUGH,
-        "pairs": [
-            {
-                "first": pair.first,
-                "second": pair.second,
-                "ln_odds": pair.log_odds,
-                "hidden": list(pair.hidden),
-                "larger_pulls": pair.larger if np.isfinite(pair.larger) else None,
-                "asked": pair.asked,
-            }
-            for pair in proposal.pairs
-        ],
+        "pairs": _pairs_json(proposal.pairs),
     }
+
+
+def _pairs_json(pairs: Iterable[Answered]) -> list[dict[str, Any]]:
+    return [
+        {
+            "first": pair.first,
+            "second": pair.second,
+            "ln_odds": pair.log_odds,
+            "hidden": list(pair.hidden),
+            "larger_pulls": pair.larger if np.isfinite(pair.larger) else None,
+            "asked": pair.asked,
+        }
+        for pair in pairs
+    ]
+
+
+def hits_json(proposal: HitProposal) -> dict[str, Any]:
+    """Return a planned hammer test with its expected evidence, SI."""
+    return {
+        "points": {
+            point: {"body": body, "at": list(at)}
+            for point, (body, at) in proposal.points.items()
+        },
+        "hits": [
+            {"pose": tap.pose, "force": str(tap.hit), "listen": list(tap.listen)}
+            for tap in proposal.taps
+        ],
+        "bands": {pose: list(band) for pose, band in proposal.bands.items()},
+        "enough": ENOUGH,
+        "pairs": _pairs_json(proposal.pairs),
+    }
+
+
+def show_hits(proposal: HitProposal) -> None:
+    """Print where to hit and listen, and the distinguished pairs."""
+    points = [
+        (point, body, ", ".join(f"{value:.4g}" for value in at))
+        for point, (body, at) in proposal.points.items()
+    ]
+    show_table("Points", (("point",), ("body", "at, m")), points)
+    rows = [
+        (
+            tap.pose,
+            str(tap.hit),
+            ", ".join(tap.listen),
+            " to ".join(f"{hertz:g}" for hertz in proposal.bands[tap.pose]),
+        )
+        for tap in proposal.taps
+    ]
+    columns = (("pose", "hit"), ("triaxial accelerometers at", "band Hz"))
+    show_table("Hits", columns, rows)
+    _show_answers(proposal.pairs)
 
 
 def show_plan(proposal: Proposal, names: Sequence[str]) -> None:
@@ -85,8 +128,12 @@ def show_plan(proposal: Proposal, names: Sequence[str]) -> None:
         rows,
         prose=("sensors",),
     )
+    _show_answers(proposal.pairs)
+
+
+def _show_answers(pairs: Sequence[Answered]) -> None:
     asked, others = (
-        [p for p in proposal.pairs if p.asked == wanted] for wanted in (True, False)
+        [p for p in pairs if p.asked == wanted] for wanted in (True, False)
     )
     _show_pairs("The question: expected ln-odds if the first is true", asked)
     _show_pairs("Against other causes: the smallest", others)

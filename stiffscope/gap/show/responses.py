@@ -20,7 +20,7 @@ from stiffscope.responses.checks import (
     find_static_stiffness,
 )
 from stiffscope.responses.scatter import find_scatter
-from stiffscope.responses.show import direction_json, draw_responses
+from stiffscope.responses.show import direction_json, draw_responses, show_static
 from stiffscope.vjm.model.mechanism import COORDINATES
 
 if TYPE_CHECKING:
@@ -59,6 +59,8 @@ def responses_json(compared: ComparedResponses) -> dict[str, Any]:
                 "resonances": response.frequency[find_resonances(response)].tolist(),
                 "gap": _find_gap(response, predicted, setup.averages),
                 "static_stiffness": None if static is None else static.stiffness,
+                "static_spread": None if static is None else static.spread,
+                "static_band": None if static is None else list(static.band),
             }
         )
     last = max(float(response.frequency[-1]) for response in measured.responses)
@@ -136,12 +138,29 @@ def show_responses(name: str, facts: Mapping[str, Any]) -> None:
         ("resonances Hz",),
     )
     show_table("Measured", columns, rows, prose=("resonances Hz",))
+    show_static(
+        [
+            (f"{_name(row['force'])}", row["force"]["axis"], _gather_static(row))
+            for row in facts["responses"]
+        ]
+    )
     show_line(f"The model's modes: {_list(facts['modes'])} Hz")
     show_line(f"drawn with a damping ratio of {100 * facts['damping']:.2g} %")
     if facts["doubts"]:
         show_list("Doubts", facts["doubts"])
     for remark in facts["remarks"]:
         show_line(remark, "yellow")
+
+
+def _gather_static(row: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Return the static stiffness of a row; see `static_json`."""
+    if row["static_stiffness"] is None:
+        return None
+    return {
+        "value": row["static_stiffness"],
+        "spread": row["static_spread"],
+        "band": row["static_band"],
+    }
 
 
 def _show_mass(mass: float | None) -> str:

@@ -9,9 +9,9 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
 from stiffscope.errors import InputError
+from stiffscope.gap.campaign.measured_responses import load_responses
 from stiffscope.gap.campaign.readings import load_campaign
-from stiffscope.gap.diagnose import conclude
-from stiffscope.gap.forward.robot_model import RobotModel
+from stiffscope.gap.diagnose import conclude, forward_model
 from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.gap.inference.find import find
 from stiffscope.lab.blind.cases import SEAL, seal, unseal
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from stiffscope.lab.blind.scores import Scores
 
     Progress = Callable[[str, float], None]
-    Files = dict[str, str]
+    Files = dict[str, bytes]
 
 OUTCOME = "outcome.json"
 DIAGNOSES = ("diagnosis.json", "diagnosis-without.json")
@@ -138,6 +138,8 @@ def _check(robots: Sequence[BlindRobot], seed: int) -> str:
     others = [robot.mechanics for robot in robots if robot.mechanics != "own"]
     if others:
         check["machine"] = others[0]
+    if any(robot.hammered for robot in robots):
+        check["with"] = "hammer"
     return _text(check)
 
 
@@ -168,6 +170,8 @@ def case_files(
         for number in range(campaigns)
     ]
     written = ("campaign.toml", "readings.csv", SEAL, *DIAGNOSES, OUTCOME)
+    taps = [f"tap{k}.uff" for k in (1, 2)]
+    written = (*written, *taps)
     names = [_RUN, *(f"{robot.name}/{SEAL}" for robot in robots)]
     names += [f"{task.folder}/{name}" for task in tasks for name in written]
     return [name for name in names if (folder / name).is_file()]
@@ -207,7 +211,7 @@ def _store(folder: Path, task: Task, files: Files) -> None:
             aside = scratch / goal.name
             aside.mkdir()
             for name, text in files.items():
-                (aside / name).write_text(text, encoding="utf-8", newline="")
+                (aside / name).write_bytes(text)
             aside.rename(goal)
     except OSError as error:
         reason = describe_cause(error, goal)
@@ -260,13 +264,10 @@ def solve(robot: BlindRobot, task: Task) -> Files:
             for effect, data in found.items()
         ]
         seal(folder, [case])
-        files = {
-            file.name: file.read_text(encoding="utf-8")
-            for file in sorted(folder.iterdir())
-        }
+        files = {file.name: file.read_bytes() for file in sorted(folder.iterdir())}
     for effect, data in found.items():
-        files[DIAGNOSES[bool(effect)]] = _text(data)
-    files[OUTCOME] = _text([asdict(outcome) for outcome in outcomes])
+        files[DIAGNOSES[bool(effect)]] = _text(data).encode()
+    files[OUTCOME] = _text([asdict(outcome) for outcome in outcomes]).encode()
     return files
 
 
@@ -289,7 +290,10 @@ def _measure(folder: Path, task: Task, lab: Lab) -> tuple[BlindCase, tuple[str, 
 
 def _diagnose(robot: BlindRobot, folder: Path, left_out: str) -> dict[str, Any]:
     """Diagnose a campaign with an effect excluded from the library; return plain data."""
-    found = find(RobotModel(load_campaign(folder), robot.nominal, without=left_out))
+    campaign = load_campaign(folder)
+    nominal = robot.nominal
+    responses = load_responses(folder, campaign, nominal.robot, nominal.mechanism)
+    found = find(forward_model(campaign, nominal, responses, without=left_out))
     return to_json(conclude(found)) | {
         "evidence": found.best.evidence - found.none.evidence
     }

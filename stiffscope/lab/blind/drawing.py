@@ -7,7 +7,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.lab.blind.cases import BlindCase
-from stiffscope.lab.blind.judge import VISIBLE, Judge
+from stiffscope.lab.blind.hammering import (
+    HammerBench,
+    draw_hammer,
+    write_hammer_case,
+)
+from stiffscope.lab.blind.judge import VISIBLE, Judge, ReadingBench
 from stiffscope.lab.blind.sizes import can_have, choose, draw_known, draw_outside
 from stiffscope.lab.faults import OUTSIDE
 from stiffscope.lab.measuring import Noise, measure, write_readings
@@ -17,6 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from stiffscope.lab.blind.cases import Fault
+    from stiffscope.lab.blind.judge import Bench
     from stiffscope.lab.blind.laboratory import Lab
     from stiffscope.lab.closure import Located
     from stiffscope.lab.machine import Machine
@@ -51,13 +57,14 @@ def draw_case(number: int, seed: int, lab: Lab) -> BlindCase:
     rng = np.random.default_rng([seed, number])
     kind = KINDS[number % len(KINDS)]
     style = STYLES[number // len(KINDS) % len(STYLES)]
+    if lab.robot.hammered:
+        style = "hammer"
     if kind == "none":
         return BlindCase(kind, seed, (), style)
     if kind == "outside":
         effect = choose(rng, [name for name in OUTSIDE if can_have(lab, name, style)])
         return BlindCase(kind, seed, (draw_outside(effect, rng, lab, style),), style)
-    _, plan, located, _ = prepare_case(BlindCase(kind, seed, (), style), number, lab)
-    judge = Judge(lab, plan, located)
+    judge = Judge(lab, _open_bench(BlindCase(kind, seed, (), style), number, lab))
     turn = number // len(KINDS) * 3 + number % len(
         KINDS
     )  # single effects are taken in turn
@@ -90,7 +97,13 @@ def _draw_faults(
             )
             tried = (
                 *faults,
-                draw_known(word, rng, lab, judge.sensors, alone=count == 1),
+                draw_known(
+                    word,
+                    rng,
+                    lab,
+                    judge.sensors,
+                    alone=count == 1 and not lab.robot.hammered,
+                ),
             )
             if judge.can_decide(tried):
                 faults = tried
@@ -106,16 +119,28 @@ def is_imitated(case: BlindCase, number: int, lab: Lab) -> bool:
     They do if they leave less of its signature than a drawn fault must show. A fault that only
     shows in noisy readings, e.g. of a coarse converter, does not count as imitated.
     """
-    _, plan, located, _ = prepare_case(case, number, lab)
-    size, left = Judge(lab, plan, located).distance(case.faults[0])
+    size, left = Judge(lab, _open_bench(case, number, lab)).distance(case.faults[0])
     return left < VISIBLE <= size
+
+
+def _open_bench(case: BlindCase, number: int, lab: Lab) -> Bench:
+    """Return how the sound machine of a case is measured."""
+    if case.style == "hammer":
+        return HammerBench(lab, *draw_hammer(lab, _start_noise(case, number)))
+    _, plan, located, _ = prepare_case(case, number, lab)
+    return ReadingBench(lab, plan, located)
+
+
+def _start_noise(case: BlindCase, number: int) -> np.random.Generator:
+    """Return the random generator of a case's plan and noise."""
+    return np.random.default_rng([case.seed, number, 1])
 
 
 def prepare_case(
     case: BlindCase, number: int, lab: Lab
 ) -> tuple[Machine, Plan, Located, np.random.Generator]:
     """Return the true machine of a case, its plan and configuration, and the noise generator."""
-    rng = np.random.default_rng([case.seed, number, 1])
+    rng = _start_noise(case, number)
     sessions = 3 if any(fault.effect == "bad-session" for fault in case.faults) else 1
     plan, located = draw_plan(lab.workspace, rng, case.style, sessions=sessions)
     return lab.with_faults(case.faults), plan, located, rng
@@ -123,6 +148,10 @@ def prepare_case(
 
 def write_case(folder: Path, number: int, case: BlindCase, lab: Lab) -> None:
     """Write the campaign of a case into a folder, without its faults."""
+    if case.style == "hammer":
+        rng = _start_noise(case, number)
+        write_hammer_case(folder, case, lab, *draw_hammer(lab, rng), rng)
+        return
     machine, plan, located, rng = prepare_case(case, number, lab)
     readings = measure(
         machine=machine,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -40,36 +40,89 @@ _IDLE = {"load", "row"}  # change nothing alone: load of a knee, row of a slip
 _KEPT = {"mass", *_IDLE}  # fixed in signatures, as is the mass of a payload
 
 
-class Judge:
-    """Decides whether noise-free readings distinguish a case's faults from all other effects."""
+class Bench(Protocol):
+    """A way of measuring a lab's machine, without noise."""
+
+    @property
+    def words(self) -> list[str]:
+        """Known effects that it may show."""
+        ...
+
+    @property
+    def sensors(self) -> tuple[str, ...]:
+        """Sensors or points that may be faulty."""
+        ...
+
+    @property
+    def frame(self) -> Array:
+        """Columns (r, k) over the noise of what is the instruments', and no cause."""
+        ...
+
+    def find_change(self, fault: Fault) -> Array:
+        """Return the change (r,) of readings by a fault, over their noise."""
+        ...
+
+    def list_steps(self, effect: str, place: str) -> list[Fault]:
+        """Return small steps of an effect's parameters; none if `find_columns` has their changes."""
+        ...
+
+    def find_columns(self, effect: str, place: str) -> Array | None:
+        """Return changes (r, k) by units of an effect's parameters, over the noise; None if nonlinear."""
+        ...
+
+
+class ReadingBench:
+    """Readings of a plan."""
 
     def __init__(self, lab: Lab, plan: Plan, located: Located) -> None:
-        self.lab = lab
+        self._lab = lab
         self._plan = plan
         self._located = located
         self._sound = self._read(())
-        self._elements = Signatures(
-            lab.sound, self._plan, self._located, self._sound, Noise()
-        )
-        self._frame = orthonormal_basis(self._elements.frame)
-        self.sensors = tuple(sensor.name for sensor in self._plan.sensors)
+        self._elements = Signatures(lab.sound, plan, located, self._sound, Noise())
+        self.sensors = tuple(sensor.name for sensor in plan.sensors)
         self.words = [
             w for w in lab.words() if plan.frame is None or not KNOWN[w].of_readings
         ]
+        self.frame = self._elements.frame
+
+    def _read(self, faults: Sequence[Fault]) -> Readings:
+        machine = self._lab.with_faults(faults)
+        return true_readings(machine, self._plan, self._located)
+
+    def find_change(self, fault: Fault) -> Array:
+        """Return the change (r,) of readings by a fault, over their noise."""
+        change = self._read((fault,)).value - self._sound.value
+        return change / self._elements.sigma
+
+    def list_steps(self, effect: str, place: str) -> list[Fault]:
+        """Return small steps of an effect's parameters, if it says some."""
+        return [Fault(effect, place, dict(step)) for step in KNOWN[effect].steps]
+
+    def find_columns(self, effect: str, place: str) -> Array | None:
+        """Return changes (r, k) by units of an effect's parameters, over the noise; None if nonlinear."""
+        softer = self._lab.softer(effect, place)
+        return self._elements.find_columns(effect, place, softer)
+
+
+class Judge:
+    """Decides whether noise-free readings distinguish a case's faults from all other effects."""
+
+    def __init__(self, lab: Lab, bench: Bench) -> None:
+        self.lab = lab
+        self._bench = bench
+        self._frame = orthonormal_basis(bench.frame)
+        self.sensors = bench.sensors
+        self.words = bench.words
         self._own: dict[str, Array] = {}
         self._spans: dict[str, Array] = {}
         self._vain: dict[str, bool] = {}
-
-    def _read(self, faults: Sequence[Fault]) -> Readings:
-        return true_readings(self.lab.with_faults(faults), self._plan, self._located)
 
     def _signature(self, fault: Fault) -> Array:
         """Return the changes of readings (r,) by a fault alone, over their noise."""
         key = repr(fault)
         if key not in self._own:
-            change = (
-                self._read((fault,)).value - self._sound.value
-            ) / self._elements.sigma
+            change = self._bench.find_change(fault)
             self._own[key] = project_out(change[:, None], self._frame)[:, 0]
         return self._own[key]
 
@@ -92,12 +145,10 @@ class Judge:
         return self._spans[fault.name]
 
     def _isolate_fault(self, effect: str, place: str) -> Array | None:
-        if KNOWN[effect].steps:
-            steps = (Fault(effect, place, dict(step)) for step in KNOWN[effect].steps)
+        steps = self._bench.list_steps(effect, place)
+        if steps:
             return np.stack([self._signature(step) for step in steps], axis=1)
-        columns = self._elements.find_columns(
-            effect, place, self.lab.softer(effect, place)
-        )
+        columns = self._bench.find_columns(effect, place)
         return None if columns is None else project_out(columns, self._frame)
 
     @cached_property

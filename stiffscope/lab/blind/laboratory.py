@@ -37,6 +37,7 @@ from stiffscope.vjm.kinematics.configurations import find_still, start_note
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from stiffscope.lab.hammer import Ringing
     from stiffscope.lab.machine import Machine
     from stiffscope.lab.measuring import Mechanics
     from stiffscope.lab.rotations import Array
@@ -61,12 +62,14 @@ class BlindRobot:
     parts : matrix and mass of every part used, as `PartMatrix`.
     components : source of these matrices, as named in a campaign's header.
     mechanics : laboratory that measures: our own, or EXUDYN's.
+    hammered : whether its campaigns are hammer tests.
     """
 
     nominal: NominalRobot
     parts: Mapping[str, Any]
     components: str
     mechanics: Mechanics = "own"
+    hammered: bool = False
 
     @property
     def name(self) -> str:
@@ -86,6 +89,8 @@ def blind_robots(
     components: str | None,
     shop: Workshop,
     mechanics: Mechanics = "own",
+    *,
+    hammered: bool = False,
 ) -> list[BlindRobot]:
     """Return the robots with their parts' matrices; raise InputError for one whose home is singular.
 
@@ -100,6 +105,8 @@ def blind_robots(
         Workshop that runs experiments if needed.
     mechanics
         Laboratory that measures.
+    hammered
+        Whether campaigns are hammer tests.
     """
     out: list[BlindRobot] = []
     for robot in robots:
@@ -114,7 +121,7 @@ def blind_robots(
         source = components or ("published" if published else "beam")
         made = assemble_robots({robot.name: robot}, source, shop)[robot.name]
         nominal = NominalRobot(made.mechanism, robot)
-        out.append(BlindRobot(nominal, made.matrices, source, mechanics))
+        out.append(BlindRobot(nominal, made.matrices, source, mechanics, hammered))
     return out
 
 
@@ -132,6 +139,8 @@ class Lab:
             )
         self.sound = machine
         self._steps: dict[str, dict[str, Array]] = {}
+        self.ringing: dict[tuple[str, int], Ringing] = {}
+        """Modes with small faults at the poses of hammer tests."""
         self._words: dict[tuple[str, ...], dict[str, tuple[str, str]]] = {}
         self.workspace: Workspace = workspace(
             machine, poses, np.random.default_rng(_SEED), self._is_reached
@@ -237,9 +246,10 @@ class Lab:
     def everywhere(self, sensors: tuple[str, ...] = ()) -> dict[str, tuple[str, str]]:
         """Return all known effects at all their places, by canonical name."""
         if sensors not in self._words:
-            listed = [
-                (e, place) for e in self.words() for place in self.places(e, sensors)
-            ]
+            words = dict.fromkeys(
+                (*self.words(), *(("sensor-mass",) if sensors else ()))
+            )
+            listed = [(e, place) for e in words for place in self.places(e, sensors)]
             self._words[sensors] = {
                 self.canonical(f"{e} @ {p}"): (e, p) for e, p in listed
             }
