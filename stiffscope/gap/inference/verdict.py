@@ -49,7 +49,7 @@ def judge_findings(found: Findings) -> Judgement:
     best = found.best
     none = found.none
     certain, strange, unsettled = _find_certain(found)
-    missed = misses_lines(found, best) if certain else ""
+    missed = find_missed_lines(found, certain)
     reasons = [missed] if missed else []
     if missed:
         certain = []
@@ -90,6 +90,17 @@ def judge_findings(found: Findings) -> Judgement:
         return Judgement("no-gap", (), none, tuple(strange))
     known = found.fit_effects(best.words)
     return Judgement("ambiguous", known.words, known, tuple(unsettled))
+
+
+def find_missed_lines(found: Findings, certain: Sequence[Candidate]) -> str:
+    """Return why no effect is certain by lines that the likeliest set or the certain ones leave.
+
+    Effects beside these, too small to be certain, may be what follows an unknown cause.
+    """
+    if not certain:
+        return ""
+    missed = misses_lines(found, found.best)
+    return missed or misses_lines(found, found.fit_effects(certain))
 
 
 def _count_shown(found: Findings, hypothesis: Hypothesis) -> float:
