@@ -98,7 +98,9 @@ def describe_responses(
         unseen = [mode.frequency for mode in _list_modes(without)] if without else []
         rows += [
             (mode.measured, mode.before, mode.after, other)
-            for mode, other in zip(modes, unseen or [nan] * len(modes), strict=True)
+            for mode, other in zip(
+                modes, unseen or repeat(nan, len(modes)), strict=True
+            )
         ]
         sizes = _sizes(own)
         setups[name] = SetupModes(

@@ -138,12 +138,10 @@ def _next_line(content: bytes, at: int, line: int) -> tuple[bytes | None, int, i
     """
     if at >= len(content):
         return None, at, line
-    ends = [
-        place
-        for place in (content.find(b"\n", at), content.find(b"\r", at))
-        if place >= 0
-    ]
-    end = min(ends, default=len(content))
+    end = content.find(b"\n", at)
+    end = len(content) if end < 0 else end
+    earlier = content.find(b"\r", at, end)  # not through the rest of the file
+    end = end if earlier < 0 else earlier
     width = 2 if content[end : end + 2] == b"\r\n" else 1
     return content[at:end], end + width, line + 1
 

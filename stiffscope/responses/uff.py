@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.responses.blocks import Block, split_blocks
 from stiffscope.responses.model import (
     Direction,
@@ -25,6 +25,7 @@ from stiffscope.responses.model import (
 )
 from stiffscope.responses.units import UnitSystem, ordinate_factor
 from stiffscope.runtime.reading import read_bytes
+from stiffscope.runtime.table import MOST_ROWS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -176,6 +177,12 @@ def _read_function(block: Block) -> _Function:
         raise block.fail(
             6, "a type 2, 4, 5 or 6, a number of values and a spacing 0 or 1"
         )
+    require(
+        count <= MOST_ROWS,
+        f"{block.name}:{block.line + 6}: dataset {block.number}",
+        f"at most {MOST_ROWS:,} values",
+        f"{count:,}",
+    )
     abscissa = _whole(block, 7, 1, width=10)[0]
     numerator, label = _characteristics(block, 8)
     _, under = _characteristics(block, 9)

@@ -17,6 +17,7 @@ from stiffscope.gap.diagnose import forward_model
 from stiffscope.gap.forward.response_doubts import find_channel_doubts
 from stiffscope.gap.forward.response_model import predict_responses
 from stiffscope.gap.inference.lack_of_fit import misses_lines
+from stiffscope.gap.inference.verdict import find_missed_lines
 from stiffscope.gap.response_modes import describe_responses
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.reader import load_robot
@@ -242,6 +243,18 @@ def test_lines_left_beyond_their_noise_are_a_reason():
     found.residual = np.array
     assert misses_lines(found, [9.0, 1.0, -1.0]) == ""
     assert "left at 3 times their noise" in misses_lines(found, [0.0, 3.0, -3.0])
+
+
+def test_certain_effects_that_alone_leave_the_lines_are_not_certain():
+    # a hose followed by drives and base, and by two effects too small to be certain
+    found = SimpleNamespace(campaign=SimpleNamespace(in_blocks=np.ones(2, dtype=bool)))
+    found.used_readings = np.ones(2, dtype=bool)
+    found.residual = np.array
+    found.best = [1.0, 1.0]
+    found.fit_effects = lambda certain: [0.5, 1.0] if "all" in certain else [2.0, 2.0]
+    assert find_missed_lines(found, ["all"]) == ""
+    assert find_missed_lines(found, []) == ""
+    assert "left at 2 times their noise" in find_missed_lines(found, ["drives"])
 
 
 def test_a_pose_that_lost_its_readings_has_no_row():

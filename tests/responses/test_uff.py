@@ -2,6 +2,7 @@
 
 import itertools
 import re
+import time
 
 import numpy as np
 import pytest
@@ -226,3 +227,22 @@ def test_what_is_wrong_is_told_in_one_line(tmp_path, change, message):
     with pytest.raises(InputError, match=message) as told:
         read_uff(path)
     assert "\n" not in str(told.value)
+
+
+@pytest.mark.parametrize("binary", [0, 1])
+def test_a_million_lines_are_refused_at_once(tmp_path, binary):
+    values = np.full(10**6, 1e-6 + 1e-8j)
+    hertz = np.linspace(1.0, 900.0, len(values))
+    path = write(tmp_path / "long.uff", function(hertz, values, binary=binary))
+    start = time.process_time()
+    with pytest.raises(InputError, match="at most 200,000 values, got 1,000,000"):
+        read_uff(path)
+    assert time.process_time() - start < 5.0
+
+
+def test_a_huge_number_of_values_is_refused(tmp_path):
+    path = write(tmp_path / "huge.uff", function(EVEN, VALUES, binary=1))
+    stated = f"{COUNT:10d}".encode()
+    path.write_bytes(path.read_bytes().replace(stated, b"9999999999", 1))
+    with pytest.raises(InputError, match=r"huge.uff:9: dataset 58: expected at most"):
+        read_uff(path)

@@ -124,7 +124,7 @@ class _Sifted:
 def _sift(found: Findings) -> _Sifted:
     """Return the certain effects; none if responses or the places of instruments refuse them."""
     sifted = _find_certain(found)
-    missed = misses_lines(found, found.best) if sifted.certain else ""
+    missed = find_missed_lines(found, sifted.certain)
     moved = found.model.find_displaced()
     if missed:
         sifted.unsettled.append(missed)
@@ -134,6 +134,17 @@ def _sift(found: Findings) -> _Sifted:
         strange = [*moved.remarks, *sifted.strange]
         sifted = replace(sifted, certain=[], strange=strange)
     return replace(sifted, displaced=bool(moved.remarks))
+
+
+def find_missed_lines(found: Findings, certain: Sequence[Candidate]) -> str:
+    """Return why no effect is certain by lines that the likeliest set or the certain ones leave.
+
+    Effects beside these, too small to be certain, may be what follows an unknown cause.
+    """
+    if not certain:
+        return ""
+    missed = misses_lines(found, found.best)
+    return missed or misses_lines(found, found.fit_effects(certain))
 
 
 def _count_shown(found: Findings, hypothesis: Hypothesis) -> float:
