@@ -10,11 +10,11 @@ import tomlkit
 
 from stiffscope.errors import InputError, naming, require_given
 from stiffscope.experiments.robot_files import robot_document
-from stiffscope.gap.effects.drives import ActuatorStiffness
+from stiffscope.gap.effects.drives import ActuatorStiffness, Backlash
 from stiffscope.gap.effects.effect import UNNAMED
-from stiffscope.gap.effects.masses import Gravity
+from stiffscope.gap.effects.masses import WHOLE, Gravity, Mass
 from stiffscope.gap.effects.vocabulary import apply_effect, find_kind
-from stiffscope.gap.inference.diagnosis import Parameter
+from stiffscope.gap.inference.diagnosis import Adoptable, Parameter
 from stiffscope.runtime import output
 
 if TYPE_CHECKING:
@@ -47,7 +47,9 @@ def adopt(
     components: str | None,
     modelled: Sequence[str] = (),
 ) -> None:
-    """Write a robot file with all effects of a diagnosis.
+    """Write a robot file with all effects of which a diagnosis is certain.
+
+    Their values are those of a fit without what is left out.
 
     Parameters
     ----------
@@ -72,7 +74,8 @@ def adopt(
     if diagnosis.verdict not in {"identified", "partly"}:  # whose effects are certain
         verdict = f"the verdict is {diagnosis.verdict}, not identified"
         raise InputError(f"--adopt: nothing is adopted: {verdict}")
-    found = (*diagnosis.effects, *diagnosis.beside)  # values are only valid jointly
+    sure = what_is_sure(diagnosis)
+    found = sure.effects
     heavy = Gravity.word in {*modelled, *(e.effect for e in found)} or robot.carries(
         Gravity.word
     )
@@ -80,17 +83,30 @@ def adopt(
     if left:
         raise InputError(f"--adopt: nothing is adopted: {'; '.join(left)}")
     document = robot_document(robot, target, components)
-    multiplied = _multiply_out(found, diagnosis)
+    multiplied = _multiply_out(sure)
     entries = [_entry(effect, diagnosis, campaign) for effect in multiplied]
     output.write_new(target, _text(document, entries).encode())
 
 
-def _multiply_out(found: Sequence[Effect], diagnosis: Diagnosis) -> list[Effect]:
+def what_is_sure(diagnosis: Diagnosis) -> Adoptable:
+    """Return what a robot file may take over; of a diagnosis without a search, all named effects."""
+    if diagnosis.adoptable is not None:
+        return diagnosis.adoptable
+    return Adoptable(diagnosis.effects, diagnosis.drives)
+
+
+def name_of(effect: Effect) -> str:
+    """Return `effect @ place`."""
+    return f"{effect.effect} @ {effect.place}"
+
+
+def _multiply_out(sure: Adoptable) -> list[Effect]:
     """Return effects with each drive's resulting factor where a set and a member both soften it."""
+    found = sure.effects
     soft = [e for e in found if e.effect == ActuatorStiffness.word]
     changed = {
         name: drive
-        for name, drive in diagnosis.drives.items()
+        for name, drive in sure.drives.items()
         if drive.seen and drive.value != drive.stated
     }
     if len(soft) < _LEAST_TOGETHER or not changed:
@@ -111,12 +127,22 @@ def _refusals(
         if effect.effect == UNNAMED:
             yield f"{effect.place}: fitted together with the effects, but not a known effect"
             continue
+        if effect.effect == Mass.word and effect.place == WHOLE:
+            heavier = (e for e in found if e is not effect and e.effect != UNNAMED)
+            names = [name_of(e) for e in heavier if find_kind(e.effect).weighs]
+            if names:
+                listed = ", ".join(names)
+                yield f"{name_of(effect)}: beside {listed}, which springs do not carry"
+                continue
         if find_kind(effect.effect).weighs and not heavy:
-            yield f"{effect.effect} @ {effect.place}: masses count only where gravity is modelled"
+            yield f"{name_of(effect)}: masses count only where gravity is modelled"
+            continue
+        if effect.effect == Backlash.word and len(effect.parameters) > 1:
+            yield f"{name_of(effect)}: drives of a robot file start in the middle of their gap"
             continue
         strange = [n for n, p in effect.parameters.items() if not p.plausible]
         if strange:
-            yield f"{effect.effect} @ {effect.place}: {', '.join(strange)} is not plausible"
+            yield f"{name_of(effect)}: {', '.join(strange)} is not plausible"
             continue
         try:
             apply_effect(bare, effect.effect, effect.place, _values(effect))

@@ -18,7 +18,7 @@ from stiffscope.errors import InputError, say_count
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.gap.adoption import adopt as adopt_effects
-from stiffscope.gap.adoption import check_target
+from stiffscope.gap.adoption import check_target, name_of, what_is_sure
 from stiffscope.gap.campaign.campaign_header import load_header
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.campaign.template import write_template
@@ -133,6 +133,10 @@ def diagnose(
                 f"with the parts' matrices of the diagnosis ({tables.sources(nominal)})"
             )
             tables.show_line(f"Adopted in {adopt}, {parts}")
+            uncertain = what_is_sure(diagnosis).left_out
+            if uncertain:
+                each = (f"{name_of(e)} ({e.probability:.2g})" for e in uncertain)
+                tables.show_line(f"Not adopted, as not certain: {', '.join(each)}")
 
 
 def _manifest_of(case: Case) -> Manifest:

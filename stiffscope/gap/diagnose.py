@@ -23,6 +23,7 @@ from stiffscope.gap.inference.averaging import (
     quantiles,
 )
 from stiffscope.gap.inference.diagnosis import (
+    Adoptable,
     Alternative,
     Diagnosis,
     Effect,
@@ -146,7 +147,10 @@ def conclude(found: Findings) -> Diagnosis:
     joint = (
         found.best
         if forms_of(reported.words) <= forms_of(found.best.words)
-        and not adds_little(found, reported, found.best)
+        and (
+            judgement.verdict == "partly"  # of a likely cause that is not named, too
+            or not adds_little(found, reported, found.best)
+        )
         else reported
     )
     unseen = tuple(_unseen(found, joint, judgement.effects))
@@ -174,6 +178,7 @@ def conclude(found: Findings) -> Diagnosis:
         *found.problem.noise.remarks,
         *found.model.remarks(found.problem.noise, found.residual(found.none)),
         *judgement.remarks,
+        *_displaced(found, judgement.remarks),
         *([widened] if together and not beyond else []),
         *unseen,
         *_counts(found, reported),
@@ -212,6 +217,50 @@ def conclude(found: Findings) -> Diagnosis:
         ),
         responses=responses,
         drives=list_drives(found, joint if effects else found.none, left),
+        adoptable=_find_adoptable(found, joint, reported, effects, left),
+    )
+
+
+def _displaced(found: Findings, said: Sequence[str]) -> list[str]:
+    """Return remarks on instruments that the gap before any effect has elsewhere than stated."""
+    texts = found.model.find_displaced().remarks
+    return [f"without effects, {text}" for text in texts if text not in said]
+
+
+def _find_adoptable(
+    found: Findings,
+    joint: Hypothesis,
+    reported: Hypothesis,
+    effects: tuple[Effect, ...],
+    left: float,
+) -> Adoptable:
+    """Return the certain effects of the joint fit, fitted anew where others are left out.
+
+    effects: the named ones; left: factor on covariances, as of the reported parameters.
+    """
+    named = {f"{e.effect} @ {e.place}": e for e in effects}
+    sure = [
+        c
+        for c in joint.candidates
+        if c.name in named or found.compute_probability(c.name) >= GROUPS.confident
+    ]
+    alone = joint if len(sure) == len(joint.candidates) else found.fit_effects(sure)
+    wide = [(alone.widen_covariance(left), 1.0)]
+
+    def describe(c: Candidate) -> Effect:
+        own = _describe(found, alone, reported, c, wide)
+        if c.name not in named:
+            return own
+        if alone is joint:
+            return named[c.name]
+        new = {"parameters": own.parameters, "errors": own.errors}
+        return replace(named[c.name], **new)
+
+    uncertain = (c for c in joint.candidates if c not in sure) if named else ()
+    return Adoptable(
+        tuple(map(describe, sure)) if named else (),
+        list_drives(found, alone, left),
+        tuple(_describe(found, joint, reported, c, [(joint, 1.0)]) for c in uncertain),
     )
 
 

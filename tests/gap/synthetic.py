@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stiffscope.gap.campaign.campaign import Campaign
-from stiffscope.gap.forward.forward_model import Candidate, Noise, Trial
+from stiffscope.gap.forward.forward_model import Candidate, Displaced, Noise, Trial
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,9 @@ class LinearModel:
 
     def trial(self, sigma):
         return Trial(self, sigma, np.arange(len(self.campaign)))
+
+    def find_displaced(self, _=()):
+        return Displaced()
 
     def remarks(self, *_):
         return ()

@@ -9,7 +9,14 @@ import pytest
 from stiffscope.errors import InputError
 from stiffscope.experiments.assembly import assemble
 from stiffscope.gap.adoption import adopt, check_target
-from stiffscope.gap.inference.diagnosis import Diagnosis, Effect, Gap, Parameter, Where
+from stiffscope.gap.inference.diagnosis import (
+    Adoptable,
+    Diagnosis,
+    Effect,
+    Gap,
+    Parameter,
+    Where,
+)
 from stiffscope.robot.library import find_robot
 from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.reader import load_robot
@@ -82,6 +89,26 @@ def test_the_file_carries_the_effect_its_source_and_the_parts_matrices(tmp_path,
     assert 0 < after - before < 0.25 / 12.7e6  # the two limbs share the force along x
     adopted(tmp_path / "b.toml", now, diagnosis(SOFT))
     assert len(load_robot(tmp_path / "b.toml").effects) == 2
+
+
+def test_only_what_is_certain_is_written(tmp_path, robot):
+    known = diagnosis(SOFT, verdict="partly")
+    link = replace(SOFT, effect="link-stiffness", place="limb2.link1", probability=0.6)
+    alone = replace(SOFT, parameters={"factor": Parameter(0.7, 0.02, "1")})
+    found = replace(
+        known, beside=(link,), adoptable=Adoptable((alone,), {}, left_out=(link,))
+    )
+    adopted(tmp_path / "a.toml", robot, found)
+    (effect,) = load_robot(tmp_path / "a.toml").effects
+    assert (effect.effect, effect.parameters) == (SOFT.effect, {"factor": 0.7})
+
+
+def test_weight_that_springs_carry_is_adopted_alone(tmp_path, robot):
+    factor = {"factor": Parameter(0.4, 0.01, "1")}
+    carried = Effect("mass", "robot", 1.0, 0.1, factor)
+    heavier = Effect("mass", "platform", 1.0, 0.1, factor)
+    with pytest.raises(InputError, match="mass @ robot: beside mass @ platform, which"):
+        adopted(tmp_path / "a.toml", robot, diagnosis(carried, heavier))
 
 
 def test_files_that_a_robot_names_are_named_from_the_new_place(tmp_path):

@@ -8,6 +8,7 @@ import pytest
 
 from stiffscope.gap.diagnose import conclude
 from stiffscope.gap.forward.forward_model import Noise
+from stiffscope.gap.forward.noise import noise_of
 from stiffscope.gap.inference.averaging import mix_intervals
 from stiffscope.gap.inference.diagnosis import to_json
 from stiffscope.gap.inference.evidence import (
@@ -1042,6 +1043,93 @@ def test_what_explains_less_than_a_twentieth_is_not_certain(size, certain):
         (small,) = (p for p in found.possible if p.effect == "effect-1")
         assert small.probability > 0.9
         assert any("effect-1" in r and "less than 5 %" in r for r in found.remarks)
+
+
+def test_an_answer_that_knows_of_a_further_cause_is_not_complete():
+    """The second adds a tenth to χ², as errors of a model may, but is seen beyond doubt all the same."""
+    model = linear_model(np.random.default_rng(21), parameters=(1,))
+    found = conclude(find(planted(model, e0=(2.0,), e1=(0.02,))))
+    (small,) = (p for p in found.possible if p.effect == "effect-1")
+    assert small.probability > 0.9
+    assert found.gap.chi2_per_reading[1] < 1.4
+    assert found.verdict == "partly"
+    assert {e.effect for e in found.effects} == {"effect-0"}
+    (own,) = found.effects[0].parameters.values()
+    assert own.value == pytest.approx(2.0, abs=3 * own.sigma)
+
+
+@pytest.mark.parametrize(("knee", "certain"), [(0.02, False), (0.5, True)])
+def test_a_detail_that_explains_little_does_not_decide_between_causes(knee, certain):
+    """A drive that is softer, or softer beyond a load: the latter has a parameter more."""
+    model = linear_model(np.random.default_rng(22), parameters=(1, 2))
+    signatures = dict(model.signatures)
+    detailed = signatures["effect-1 @ place"]
+    signatures["effect-0 @ place"] = detailed[:, :1]
+    library = tuple(
+        replace(c, members=("drive",)) if c.effect in {"effect-0", "effect-1"} else c
+        for c in model.library
+    )
+    model = replace(model, library=library, signatures=signatures)
+    found = conclude(find(planted(model, e1=(2.0, 2.0 * knee))))
+    assert [e.effect for e in found.effects] == ["effect-1"]
+    assert found.verdict == ("identified" if certain else "ambiguous")
+    beside = found.effects[0].confused_with
+    assert ("effect-0 @ place" in beside) == (not certain)
+    assert found.effects[0].probability > 0.9 or not certain
+
+
+@pytest.mark.parametrize(("offset", "named"), [(0.3, False), (1.0, True)])
+def test_an_offset_within_a_drive_s_play_may_be_where_it_rests(offset, named):
+    model = linear_model(np.random.default_rng(23), parameters=(1,))
+    facts = {
+        "effect-0": {"members": ("drive",)},
+        "effect-1": {"members": ("drive",), "rests_in": "effect-0"},
+    }
+    library = tuple(replace(c, **facts.get(c.effect, {})) for c in model.library)
+    model = replace(model, library=library)
+    found = conclude(find(planted(model, e0=(0.5,), e1=(offset,))))
+    names = {e.effect for e in found.effects}
+    assert names == ({"effect-0", "effect-1"} if named else {"effect-0"})
+    assert found.verdict == ("identified" if named else "partly")
+    assert named or any("rests in its gap" in r for r in found.remarks)
+
+
+@pytest.mark.parametrize("together", [True, False])
+def test_readings_far_off_under_one_load_at_several_poses_are_no_slips(together):
+    """A machine beyond a knee: one sensor, one load, three poses; or three slips anywhere."""
+    rng = np.random.default_rng(24)
+    model = linear_model(rng, effects=3)
+    c = model.campaign
+    applied = np.argmax(c.wrench > 0.0, axis=1)
+    one = np.flatnonzero((applied == 2) & (c.quantity == 1) & (c.pose < 3))
+    rows = one if together else rng.choice(len(c), len(one), replace=False)
+    value = np.array(c.value)
+    value[rows] += 40.0 * c.sigma[rows]
+    noise = noise_of(replace(model, campaign=replace(c, value=value)))
+    assert noise.used[rows].all() == together
+    assert noise.used.sum() >= len(c) - len(rows)
+
+
+def test_what_is_adopted_is_certain_and_fitted_without_the_rest():
+    """Of three effects the third is hardly likelier than not: the others are what least squares say without it."""
+    model = linear_model(np.random.default_rng(6), parameters=(1,))
+    left_out = set()
+    for size in (0.0155, 0.016, 0.0165):
+        own = planted(model, e0=(0.5,), e1=(0.03,), e3=(size,))
+        found = conclude(find(own))
+        sure = found.adoptable
+        left_out |= {e.effect for e in sure.left_out}
+        names = [e.effect for e in sure.effects]
+        assert {e.effect for e in found.effects} <= set(names)
+        assert all(e.probability >= 0.9 for e in sure.effects)
+        assert all(e.probability < 0.9 for e in sure.left_out)
+        columns = [own.signatures[f"{name} @ place"][:, 0] for name in names]
+        rest = own.campaign.value - own.nominal
+        least = np.linalg.lstsq(np.column_stack(columns), rest, rcond=None)[0]
+        values = [e.parameters["p0"].value for e in sure.effects]
+        assert values == pytest.approx(least, rel=0.02)
+        assert "adoptable" not in to_json(found)
+    assert left_out == {"effect-3"}
 
 
 def test_an_effect_that_comes_in_two_sizes_keeps_the_one_that_was_found():

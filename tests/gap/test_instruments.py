@@ -238,6 +238,24 @@ def test_a_base_turn_is_not_told_from_a_first_zero():
     assert f"encoder-offset @ {first}" not in names
 
 
+@pytest.mark.parametrize("times", [3, 8, 24])
+def test_a_target_elsewhere_than_stated_is_said_and_blames_no_robot(times):
+    """The robot is sound; the first target sits some uncertainties beside its stated place."""
+    robot = nominal("serial-arm")
+    c = campaign(robot, targets(robot, at_sigma=1e-3), 0.0)
+    beside = np.array([1e-3 * times, 0.0, 0.0])
+    sensors = tuple(
+        replace(s, at=tuple(np.array(s.at) + beside * (s.target == "t0")))
+        for s in c.sensors
+    )
+    found = diagnose_campaign(replace(c, sensors=sensors), robot)
+    said = [r for r in found.remarks if "from where it is stated" in r]
+    assert not found.effects
+    assert found.verdict == ("no-gap" if times == 3 else "unexplained")
+    assert len(said) == (times > 3)
+    assert all(r.startswith(f"t0 is found {times}") for r in said)
+
+
 @pytest.mark.extended
 @pytest.mark.parametrize("size", [0.0, 5e-3])
 def test_a_diagnosis_by_an_unknown_tracker(size):

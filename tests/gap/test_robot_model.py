@@ -44,6 +44,7 @@ pytestmark = pytest.mark.slow
 LINEAR_DELTA = Path(__file__).parents[1] / "vjm" / "robots" / "linear-delta.toml"
 ROBOTS = ("delta", "stewart", "serial-arm", "five-bar")
 SENSED = {  # a body that moves, a body that carries it, a point on it
+    "carried": ("fore", "upper", (2.02, 0.01, 0.03)),
     "delta": ("platform", "leg1.arm.tip", (0.03, 0.04, -1.0)),
     "stewart": ("platform", "strut1.upper.tip", (0.05, 0.02, 0.3)),
     "tripod": ("head.b", "head.c", (-0.1, 0.17, 0.5)),
@@ -789,6 +790,49 @@ direction = [0, 0, -1]
     assert heaviest[("payload @ guessed", 1)] == 1e3
     assert heaviest[("mass @ known", 1)] == pytest.approx(0.06)
     assert heaviest[("mass @ guessed", 1)] > 1.0
+
+
+ARM = """name = "carried"
+[bodies]
+upper = { mass = "6 kg", centre = [0.5, 0, 0], inertia = [0.1, 0.4, 0.4, 0, 0, 0] }
+fore = { mass = "4 kg", centre = [1.5, 0, 0], inertia = [0.1, 0.3, 0.3, 0, 0, 0] }
+[joints]
+J1 = { between = ["ground", "upper"], type = "revolute", at = [0, 0, 0], axis = [0, 1, 0], drive.stiffness = 1e5 }
+J2 = { between = ["upper", "fore"], type = "revolute", at = [1, 0, 0], axis = [0, 1, 0], drive.stiffness = 1e5 }
+[tool]
+body = "fore"
+at = [2, 0, 0]
+pose = ["x", "z"]
+[gravity]
+direction = [0, 0, -1]
+[poses]
+home = [2, 0]
+bent = [1.5, -0.6]
+"""
+
+
+def test_weight_that_springs_carry_takes_no_inertia_with_it(tmp_path):
+    """It takes its share of the sag; a robot that adopts it vibrates as before, and sags as the diagnosis says."""
+    (tmp_path / "arm.toml").write_text(ARM)
+    file = load_robot(tmp_path / "arm.toml")
+    robot = NominalRobot(mechanism_of(file, {}), file)
+    own = readings(robot, ("ex", "ez", "f1", "f2"))
+    model = RobotModel(own, robot)
+    (carried,) = (c for c in model.library if c.name == "mass @ robot")
+    left = 0.3
+    here = model.predict()
+    there = model.predict(((carried, tuple(carried.internal(np.array([left])))),))
+    slow = np.isin(own.quantity, [QUANTITIES.index(name) for name in ("f1", "f2")])
+    sags = np.isin(own.quantity, [QUANTITIES.index(name) for name in ("ex", "ez")])
+    sags &= own.sensor < 0
+    assert there.values[slow] == pytest.approx(here.values[slow], rel=1e-9)
+    assert there.values[sags] == pytest.approx(left * here.values[sags], rel=1e-6)
+    slope = here.columns(carried)[:, 0]
+    assert not slope[slow].any()
+    assert slope[sags] == pytest.approx(-here.values[sags], rel=1e-6, abs=1e-15)
+    adopted = apply_effect(robot, "mass", "robot", {"factor": left})
+    again = RobotModel(own, adopted).predict().values
+    assert again == pytest.approx(there.values, rel=1e-6, abs=1e-12)
 
 
 @dataclass(frozen=True)

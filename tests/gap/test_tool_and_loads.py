@@ -7,6 +7,7 @@ import pytest
 
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.readings import load_campaign
+from stiffscope.gap.campaigns import diagnose
 from stiffscope.gap.effects.vocabulary import apply_effect, find_candidates
 from stiffscope.gap.forward.load_chains import LoadChains
 from stiffscope.gap.forward.robot_model import RobotModel
@@ -48,6 +49,11 @@ EXACT = {
         traps.with_drive(1, knee=30.0, beyond=0.5),
         {"load": 30.0, "factor": 0.5},
     ),
+    "backlash @ J2": (  # to a side of which the arm's weight holds it
+        traps.measure_loads,
+        traps.with_drive(1, gap=1.5e-4),
+        {"half_width": 1.5e-4, "preload": 0.0},
+    ),
     "tool-offset @ tool": (
         traps.measure_loads,
         traps.OFFSET,
@@ -77,6 +83,24 @@ def test_an_unloaded_tool_is_where_its_offset_has_it(tmp_path):
     model = open_model(tmp_path, replace(table, modelled="[]"))
     values = predict(model, "tool-offset @ tool", {"x": 0.03, "z": -0.015})
     assert np.abs(values - model.campaign.value).max() < 1e-9
+
+
+@pytest.mark.slow
+def test_a_dead_zone_held_to_a_side_by_weight_is_named(tmp_path):
+    arm = traps.with_drive(1, gap=1.5e-4)
+    table = traps.measure_loads(np.random.default_rng(2), arm)
+    traps.write(tmp_path / "case", table, stated=True)
+    found = diagnose(tmp_path / "case")
+    (effect,) = found.effects
+    assert (found.verdict, effect.effect, effect.place) == (
+        "identified",
+        "backlash",
+        "J2",
+    )
+    width = effect.parameters["half_width"]
+    assert abs(width.value - 1.5e-4) < 4 * width.sigma < 1e-5
+    held = effect.parameters["preload"]
+    assert held.interval[0] < 0.0 < held.interval[1]
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ from stiffscope.gap.effects.effect import (
     NominalRobot,
     Parameter,
     Place,
+    Preload,
     Setting,
 )
 from stiffscope.gap.effects.elements import (
@@ -112,9 +113,18 @@ def _soften_each(nominal: NominalRobot, names: Sequence[str], u: Array) -> Chang
     }
 
 
+_REACH = 0.05  # of the largest load: change of a preload that readings show
+_LEAST = 0.01  # of the usual half-width
+_HELD = Parameter("preload", "N", 0.2, -1.0, 1.0)  # relative to the largest load
+
+
 @dataclass(frozen=True)
 class Backlash(Effect):
-    """Dead zone of a drive, which shifts from its middle towards the force that it carries."""
+    """Dead zone of a drive, which shifts from its middle towards the force that it carries.
+
+    Where weight, or a spring beside it, holds the drive to one side, a load moves it across the
+    whole gap once it outweighs them, and not before.
+    """
 
     word = "backlash"
     precedence = 140
@@ -125,6 +135,10 @@ class Backlash(Effect):
     blames = True
 
     drive: str
+    load: float = 0.0
+    """Largest applied load, N or N·m, if weight holds the drive to a side."""
+    least: float = 0.0
+    """Half-width, m or rad, below which no reading shows what holds it there."""
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
@@ -133,16 +147,32 @@ class Backlash(Effect):
         for place in setting.robot.places(driven):
             if place.sole:
                 turns = driven[place.sole].turns
-                own = (
-                    cls.parameters if turns else setting.in_robots_units(cls.parameters)
-                )
-                yield cls(place.sole).make_candidate(
-                    place, own, units=("rad" if turns else "m",)
-                )
+                (width,) = cls.parameters
+                if not turns:
+                    (width,) = setting.in_robots_units([width])
+                units = ("rad", "N·m") if turns else ("m", "N")
+                yield cls(place.sole).make_candidate(place, [width], units=units[:1])
+                load = setting.drive_forces.get(place.sole, 0.0)
+                if load and setting.robot.mechanism.gravity.any():
+                    effect = cls(place.sole, load, _LEAST * width.size)
+                    ends = (load * size for size in _HELD[2:])
+                    yield effect.make_candidate(
+                        place,
+                        [width, Parameter(*_HELD[:2], *ends)],
+                        units=units,
+                        couplings=1,
+                        groups=(1, 1),
+                        joins_noise=False,
+                    )
 
     def influence(self, values: Array) -> Influence:
-        """Return the dead zone of the drive."""
-        return Influence(dead_zones={self.drive: float(values[0])})
+        """Return the dead zone of the drive, and what holds it to a side."""
+        zones = {self.drive: float(values[0])}
+        if len(values) == 1:
+            return Influence(dead_zones=zones)
+        reach = _REACH * self.load if values[0] > self.least else np.inf
+        held = Preload(float(values[1]), reach)
+        return Influence(dead_zones=zones, preloads={self.drive: held})
 
 
 @dataclass(frozen=True)
@@ -151,6 +181,7 @@ class EncoderOffset(ElementEffect):
 
     word = "encoder-offset"
     precedence = 110
+    rests_in = Backlash.word
     parameters = (Parameter("offset", "m", 2e-4, -5e-3, 5e-3),)
 
     @classmethod

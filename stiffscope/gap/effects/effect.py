@@ -40,6 +40,7 @@ __all__ = [  # names that effect modules import
     "Parameter",
     "Payload",
     "Place",
+    "Preload",
     "Row",
     "Setting",
 ]
@@ -143,6 +144,8 @@ class Candidate:
     """True if the estimate of noise fits it together with all others."""
     gives_way: bool = False
     """True if that estimate leaves it out first where all together would fit anything."""
+    rests_in: str = ""
+    """Effect in whose dead zone of the same element it may be no more than the place of rest."""
     action: Any = None
     """Action of the candidate (an `Effect` on robots); only the forward model uses it."""
 
@@ -203,6 +206,7 @@ class Payload:
     """A mass on a body, kg, with first moments (3,), kg·m, about ``at`` (3,), in the home pose.
 
     A constant ``force`` (3,), N, base axes, pulls at the same point, such as that of a cable.
+    The weight of a mass ``carried``, kg, is taken off, as by a spring; its inertia stays.
     """
 
     body: str
@@ -210,6 +214,7 @@ class Payload:
     mass: float
     moments: Array
     force: Array = field(default_factory=lambda: np.zeros(3))
+    carried: float = 0.0
 
 
 class Knee(NamedTuple):
@@ -223,6 +228,16 @@ class Knee(NamedTuple):
         """Return what is added to forces (n,): those by which a linear drive would yield as much more."""
         small = np.clip(force, -self.load, self.load)
         return self.below * small + self.beyond * (force - small)
+
+
+class Preload(NamedTuple):
+    """Force, N or N·m, that holds a drive to a side of its gap beside the weight.
+
+    reach: change of it by which its effect on readings, which step, is differentiated.
+    """
+
+    force: float
+    reach: float
 
 
 Row = tuple[int, int]
@@ -263,8 +278,13 @@ class Influence:
     payloads: tuple[Payload, ...] = ()
     weight: bool = False
     """Whether the robot's own weight acts."""
+    carried: float = 0.0
+    """Share of the weight of the whole robot that springs carry, as its payloads say in kg."""
     dead_zones: Mapping[str, float] = field(default_factory=dict[str, float])
     """Half-width of a drive's dead zone, m or rad, by joint."""
+    preloads: Mapping[str, Preload] = field(default_factory=dict[str, Any])
+    """What holds drives with a dead zone to a side, by joint; of others each reading starts in the
+    middle."""
     turns: Mapping[str, Array] = field(default_factory=dict[str, Any])
     """Small rotation (3,) of an instrument's readings."""
     gains: Mapping[str, float] = field(default_factory=dict[str, float])
@@ -349,7 +369,15 @@ def find_length(mechanism: Mechanism) -> float:
     return float(np.linalg.norm(points[:, None] - points, axis=2).max()) or 1.0
 
 
-_FACTS = ("weighs", "merges", "assumed", "imitates", "joins_noise", "gives_way")
+_FACTS = (
+    "weighs",
+    "merges",
+    "assumed",
+    "imitates",
+    "joins_noise",
+    "gives_way",
+    "rests_in",
+)
 """Facts of an effect that all its candidates share."""
 
 
@@ -386,6 +414,8 @@ class Effect(ABC):
     """Whether the estimate of noise fits it together with all others."""
     gives_way: ClassVar[bool] = False
     """Whether that estimate leaves it out first where all together would fit anything."""
+    rests_in: ClassVar[str] = ""
+    """Effect in whose dead zone of the same element it may be no more than the place of rest."""
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:

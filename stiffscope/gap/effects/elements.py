@@ -141,8 +141,9 @@ def change_robot(mechanism: Mechanism, influence: Influence) -> Mechanism:
         if joint.drive and (knee := influence.knees.get(joint.name)):
             factors = 1.0 / (1.0 + knee.below), 1.0 / (1.0 + knee.beyond)
             joints[k] = replace(joint, drive=joint.drive.bend_at(knee.load, *factors))
+    gravity = (1.0 - influence.carried) * mechanism.gravity
     changed = change_elements(
-        replace(mechanism, joints=tuple(joints)), influence.elements
+        replace(mechanism, joints=tuple(joints), gravity=gravity), influence.elements
     )
     return add_payloads(changed, influence.payloads)
 
@@ -152,7 +153,7 @@ def add_payloads(mechanism: Mechanism, payloads: Sequence[Payload]) -> Mechanism
     bodies = {body.name: body for body in mechanism.bodies}
     for payload in payloads:
         if not payload.mass and not payload.moments.any():
-            continue  # a pull has no inertia
+            continue  # a pull has no inertia, nor has weight that is carried
         name = mechanism.carrier(payload.body)
         body = bodies[name]
         centre = np.zeros(3) if body.centre is None else body.centre

@@ -70,7 +70,8 @@ class Gravity(Effect):
         return Influence(weight=True)
 
 
-_ALL = "robot"
+WHOLE = "robot"
+"""Place of what acts on the whole robot."""
 
 
 @dataclass(frozen=True)
@@ -88,14 +89,14 @@ class Mass(Effect):
 
     stated: tuple[Payload, ...]
     """Masses of the bodies as stated in the robot file."""
-    sense: float = 1.0
-    """Relative change of the masses per internal parameter."""
+    carried: bool = False
+    """Whether springs carry a share of their weight, which changes no inertia."""
 
     @classmethod
     def candidates(cls, setting: Setting) -> Candidates:
         """Yield point masses of bodies and sets, within tolerances; none without gravity.
 
-        Springs or a counterweight may carry a share of the whole robot's weight.
+        Springs may carry a share of the whole robot's weight: of that alone, its inertia stays.
         """
         robot = setting.robot
         if not (robot.mechanism.gravity.any() or setting.shows_inertia):
@@ -118,10 +119,11 @@ class Mass(Effect):
                 place, (prior,), bounds=bounds, stated=most < np.inf
             )
         guessed = [name for name in heavy if stated[name] == np.inf]
-        if len(guessed) == len(heavy) > 1:
+        every_guessed = len(guessed) == len(heavy) == len(bodies)
+        if every_guessed and len(heavy) > 1 and robot.mechanism.gravity.any():
             every = tuple(part for parts in heavy.values() for part in parts)
-            yield cls(every, -1.0).make_candidate(
-                Place(_ALL, tuple(heavy)),
+            yield cls(every, carried=True).make_candidate(
+                Place(WHOLE, tuple(heavy)),
                 (known._replace(size=MASSES.compensated, low=0.0, high=1.0),),
                 bounds=(0.0, 1.0),
                 physical=_leave,
@@ -129,8 +131,11 @@ class Mass(Effect):
             )
 
     def influence(self, values: Array) -> Influence:
-        """Return the changes of mass as payloads."""
-        growth = self.sense * float(values[0])
+        """Return the changes of mass as payloads, or the weight that is carried."""
+        growth = float(values[0])
+        if self.carried:
+            held = (replace(p, mass=0.0, carried=growth * p.mass) for p in self.stated)
+            return Influence(payloads=tuple(held), carried=growth)
         return Influence(
             payloads=tuple(replace(p, mass=growth * p.mass) for p in self.stated)
         )

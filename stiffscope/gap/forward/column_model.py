@@ -16,7 +16,7 @@ import numpy as np
 
 from stiffscope.gap.campaign.quantities import AXES
 from stiffscope.gap.effects.effect import GROWTH
-from stiffscope.gap.forward.forward_model import Candidate, Noise, Trial
+from stiffscope.gap.forward.forward_model import Candidate, Displaced, Noise, Trial
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -159,6 +159,11 @@ class ColumnModel:
     ) -> None:
         """Return none: predictions are what they are."""
         del parameters, rest
+
+    def find_displaced(self, parameters: Parameters = ()) -> Displaced:
+        """Return none: predictions have no instruments."""
+        del parameters
+        return Displaced()
 
     def noise(self) -> Noise:
         """Return the noise: stated, or an unknown factor times the reading or its kind's rms."""

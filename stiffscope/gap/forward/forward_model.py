@@ -87,6 +87,16 @@ class Trial:
     """Number (n,) of the measurement that a reading belongs to."""
 
 
+@dataclass(frozen=True)
+class Displaced:
+    """Instruments that a prediction finds elsewhere than stated, against their uncertainty."""
+
+    remarks: tuple[str, ...] = ()
+    """A sentence on each."""
+    left: Array | None = None
+    """Readings (n,) less those of the instruments as found; None without such instruments."""
+
+
 class ForwardModel(Protocol):
     """A nominal model of a campaign's readings, with candidate effects."""
 
@@ -134,6 +144,10 @@ class ForwardModel(Protocol):
 
         rest: what the effects leave (n,), which must be of the size of the difference.
         """
+        ...
+
+    def find_displaced(self, parameters: Parameters = ()) -> Displaced:
+        """Return instruments found elsewhere than stated with these effects."""
         ...
 
     def noise(self) -> Noise:

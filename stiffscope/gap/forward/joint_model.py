@@ -16,7 +16,7 @@ from stiffscope.gap.campaign.response_lines import (
 )
 from stiffscope.gap.effects.masses import Gravity
 from stiffscope.gap.effects.vocabulary import find_candidates
-from stiffscope.gap.forward.forward_model import Noise
+from stiffscope.gap.forward.forward_model import Displaced, Noise
 from stiffscope.gap.forward.joint_prediction import JointPrediction, SoundSetups
 from stiffscope.gap.forward.nuisance import nuisance_patterns
 from stiffscope.gap.forward.twins import merge_twins
@@ -188,6 +188,18 @@ class JointModel:
         own = None if rest is None else rest[:count]
         exact = self.readings.find_equilibria(parameters, own)
         return None if exact is None else replace(self, readings=exact)
+
+    def find_displaced(self, parameters: Parameters = ()) -> Displaced:
+        """Return instruments of the static readings found elsewhere than stated."""
+        if not len(self.readings.campaign):
+            return Displaced()
+        own = self.readings.find_displaced(parameters)
+        if own.left is None:
+            return own
+        predicted = self.predict(parameters).values
+        left = self.campaign.value - predicted
+        left[: len(own.left)] = own.left
+        return Displaced(own.remarks, left)
 
     def noise(self) -> Noise:
         """Return noise and gross outliers of the readings; lines have neighbours that tell theirs."""

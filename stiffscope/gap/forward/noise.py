@@ -7,7 +7,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
-from scipy.special import chdtri  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
+from scipy.special import chdtri, pdtrc  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 from stiffscope.gap.campaign.copies import find_copies
 from stiffscope.gap.campaign.scatter import SCATTER, find_scatter
@@ -58,6 +58,9 @@ class NoiseSettings:
     """Of the readings: degrees of freedom of all effects beyond which some give way."""
     enough: float = 0.5
     """Of the readings: beyond, a joint fit of all effects shows no outliers."""
+    together: float = 1e-3
+    """Probability below which it is no chance that outliers share their loads: one false alarm in
+    a thousand campaigns."""
 
 
 NOISE = NoiseSettings()
@@ -121,6 +124,7 @@ def noise_of(model: ForwardModel) -> Noise:
         noise, fit = _judge_noise(campaign, noise, fit, once)
         if not np.array_equal(before, noise.sigma):
             columns = _Columns(NOISE.loose * x / noise.sigma[:, None])
+    noise = replace(noise, used=noise.used | _find_loaded(campaign, once & ~noise.used))
     if unknown.any():
         noise = _limit_to_scatter(campaign, noise, unknown, once)
     one_pose = len(campaign.pose_names) == 1
@@ -235,6 +239,30 @@ def _judge_noise(
     return replace(noise, sigma=sigma, used=used, freedom=freedom), replace(
         fit, residual=residual
     )
+
+
+def _find_loaded(c: Campaign, outlying: Flags) -> Flags:
+    """Return which outlying readings (n,) are what the machine does under a load, and no slips.
+
+    Slips of single readings happen under any load. Where too many readings of one instrument under
+    the same load stand out at several poses, the machine answers to that load in another way:
+    beyond a knee, say.
+    """
+    none = np.zeros(len(c), dtype=np.bool_)
+    count = int(outlying.sum())
+    applied = np.column_stack([c.load, np.nan_to_num(c.wrench)])
+    load = np.unique(applied, axis=0, return_inverse=True)[1].ravel()
+    cell = np.column_stack([load, c.kind, c.channel])
+    cells = np.unique(cell, axis=0, return_inverse=True)[1].ravel()
+    size = np.bincount(cells)
+    found = np.bincount(cells, outlying)
+    pairs = 0.5 * float(np.sum(found * (found - 1.0)))
+    # pairs that share a cell by chance: C(m, 2) Σ s (s - 1) / (n (n - 1))
+    alike = float(np.sum(size * (size - 1.0))) / max(len(c) * (len(c) - 1.0), 1.0)
+    expected = 0.5 * count * (count - 1.0) * alike
+    if pairs < 1.0 or float(pdtrc(pairs - 1.0, expected)) >= NOISE.together:
+        return none
+    return outlying & (found[cells] > 1.0)
 
 
 def _number_units(c: Campaign) -> Indices:

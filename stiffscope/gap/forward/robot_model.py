@@ -19,7 +19,7 @@ from stiffscope.gap.effects.links import PartCompliance
 from stiffscope.gap.effects.masses import Gravity
 from stiffscope.gap.effects.vocabulary import find_candidates
 from stiffscope.gap.forward.elastic_state import ElasticState
-from stiffscope.gap.forward.forward_model import Trial, join_columns
+from stiffscope.gap.forward.forward_model import Displaced, Trial, join_columns
 from stiffscope.gap.forward.noise import noise_of
 from stiffscope.gap.forward.nuisance import nuisance_patterns
 from stiffscope.gap.forward.remarks import find_remarks
@@ -229,6 +229,17 @@ class RobotModel:
             .predict()
             .plain_readings
         )
+
+    def find_displaced(self, parameters: Parameters = ()) -> Displaced:
+        """Return instruments found elsewhere than stated with these effects."""
+        prediction = self.predict(parameters)
+        placed = prediction.placed_instruments
+        if placed is None:
+            return Displaced()
+        instruments = prediction.at.instruments
+        left = self.campaign.value - prediction.values
+        left[instruments.rows] = placed.left
+        return Displaced(tuple(instruments.find_displaced(placed.setup)), left)
 
     def noise(self) -> Noise:
         """Return noise and gross outliers from the joint fit of all effects."""

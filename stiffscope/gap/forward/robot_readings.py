@@ -372,7 +372,9 @@ class RobotReadings(InstrumentReadings):
             out = out + self._lost_by_laws
         for influence in self.influences:
             for drive, width in influence.dead_zones.items():
-                out = out + width * self.dead_zone(drive)
+                held = influence.preloads.get(drive)
+                shift = self.dead_zone(drive, None if held is None else held.force)
+                out = out + width * shift
             for drive, knee in influence.knees.items():
                 out = out + self.bent_by(drive, knee)
             for drive in influence.frictions:
@@ -466,9 +468,18 @@ class RobotReadings(InstrumentReadings):
         axis = along_drive(self.at.robot.driven[drive])
         return np.where(self.is_motion, self.find_wrenches(drive)[0] @ axis, 0.0)
 
-    def dead_zone(self, drive: str) -> Array:
-        """Return the change (n,) of readings per metre of backlash, towards the drive's force."""
-        return self.find_signs(self.drive_force(drive)) * self.by_drive(drive)
+    def dead_zone(self, drive: str, preload: float | None = None) -> Array:
+        """Return the change (n,) of readings per metre of backlash, towards the drive's force.
+
+        preload: force beside the weight that holds the drive to a side, N or N·m; None: it starts in
+        the middle of its gap.
+        """
+        force = self.drive_force(drive)
+        if preload is None:
+            return self.find_signs(force) * self.by_drive(drive)
+        held = self.rest_force(drive) + preload
+        start = np.where(self.campaign.is_difference, self.find_signs(held), 0.0)
+        return (self.find_signs(force + held) - start) * self.by_drive(drive)
 
     def find_signs(self, force: Array) -> Array:
         """Return signs (n, ...) of forces (n, ...), zero within rounding and for other readings.

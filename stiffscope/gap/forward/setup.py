@@ -12,11 +12,14 @@ from functools import cached_property
 from typing import TYPE_CHECKING, cast
 
 import numpy as np
+from scipy.special import chdtri  # pyright: ignore[reportMissingTypeStubs, reportUnknownVariableType]
 
 from stiffscope.gap.forward.placing import find_frame, find_outlying
 from stiffscope.vjm.model.screws import rotation_of
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from stiffscope.gap.campaign.campaign import Campaign, Sensor
     from stiffscope.runtime.types import Array, Flags, Indices
 
@@ -29,6 +32,8 @@ _RANK = 1e-12  # relative to the largest singular value: unobservable below
 _CERTAIN = 1e5  # singular value above which the prior is negligible
 _HIDDEN = 1e-6  # fraction of a column regarded as rounding
 _PASSES = 6  # passes over outliers
+_UNLIKELY = {k: float(chdtri(k, 1e-3)) for k in (3, 6)}
+# χ² of the deviation of a target or a frame from where it is stated: one in a thousand
 
 
 @dataclass(frozen=True)
@@ -89,6 +94,8 @@ class Placed:
     looks: Array
     """Measured direction (a, 6) of body motion at the stated target point; base axes."""
     projection: Projection
+    left: Array
+    """Readings (a,) less those of the instruments as they were fitted."""
 
 
 @dataclass(frozen=True)
@@ -123,14 +130,19 @@ class Instruments:
         return which.ravel(), found[:, 0].tolist()
 
     @cached_property
+    def _spreads(self) -> dict[str, float]:
+        """Uncertainty of each target whose place is uncertain, m."""
+        each = (
+            (s.target or s.name, s.at_sigma * s.absolute) for s in self.campaign.sensors
+        )
+        return {name: size for name, size in each if size > 0.0}
+
+    @cached_property
     def _loose(self) -> tuple[Indices, Array]:
         """Uncertain target (a,) of each reading, -1 for none; uncertainties (t,) of the targets."""
         c = self.campaign
+        known = self._spreads
         names = [s.target or s.name for s in c.sensors]
-        sigma = [s.at_sigma * s.absolute for s in c.sensors]
-        known = {
-            name: size for name, size in zip(names, sigma, strict=True) if size > 0.0
-        }
         code = [list(known).index(name) if name in known else -1 for name in names]
         return np.array(code or [-1])[c.sensor[self.rows]], np.array(
             list(known.values())
@@ -369,13 +381,39 @@ class Instruments:
         """
         setup = self.fit(points, turns, *start)
         seen, direction, columns = self._linearize(setup, points, turns)
-        seen -= columns[self.rows] @ (
+        left = self.measured_values - seen
+        seen = seen - columns[self.rows] @ (
             self._offset(setup, self._stated_setup()) * self._prior[0]
         )
         looks = np.concatenate(
             [direction, np.cross(self._levers(setup, turns), direction)], axis=1
         )
-        return Placed(setup, seen, looks, self.project(columns, start[1]))
+        return Placed(setup, seen, looks, self.project(columns, start[1]), left)
+
+    def find_displaced(self, setup: Setup) -> Iterator[str]:
+        """Yield frames and targets that are farther from where they are stated than is likely.
+
+        Their deviations over their uncertainties are a χ² each, of three or six.
+        """
+        away = self._offset(setup, self._stated_setup())
+        frames, targets = np.split(away, [6 * len(setup.origin)])
+        named = [self.campaign.frames[k].name for k in self._frame[1]]
+        for name, each in zip(named, frames.reshape(-1, 6), strict=True):
+            if each @ each > _UNLIKELY[6]:
+                size = float(np.linalg.norm(each))
+                yield (
+                    f"{name} is found {size:.3g} standard uncertainties from where it is "
+                    "stated"
+                )
+        count = len(setup.away)
+        rows = targets[: 3 * count].reshape(-1, 3)
+        for name, each, shift in zip(self._spreads, rows, setup.away, strict=True):
+            if each @ each > _UNLIKELY[3]:
+                size = float(np.linalg.norm(each))
+                yield (
+                    f"{name} is found {1e3 * np.linalg.norm(shift):.3g} mm from where it is "
+                    f"stated, {size:.3g} times its uncertainty"
+                )
 
     def _levers(self, setup: Setup, turns: Array) -> Array:
         """Return vectors (a, 3) from stated to actual target positions, base axes."""

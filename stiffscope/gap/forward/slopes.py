@@ -51,10 +51,10 @@ def _of_others(prediction: RobotReadings, step: Step) -> Array:
         mass = (more.mass - less.mass) / width
         moments = (more.moments - less.moments) / width
         force = (more.force - less.force) / width
-        rate = Payload(more.body, more.at, mass, moments, force)
+        carried = (more.carried - less.carried) / width
+        rate = Payload(more.body, more.at, mass, moments, force, carried)
         out += _of_payload(prediction, rate)
-    for drive, size in ahead.dead_zones.items():
-        out += (size - behind.dead_zones[drive]) / width * prediction.dead_zone(drive)
+    out += _of_dead_zones(prediction, step)
     for drive, knee in ahead.knees.items():
         other = behind.knees[drive]
         change = prediction.bent_by(drive, knee) - prediction.bent_by(drive, other)
@@ -186,6 +186,24 @@ def _turn_about(prediction: RobotReadings, name: str) -> Array:
     if joint.is_on_first:  # about the bearing's point, from which the second's has slid
         out[:, :3] += skew(slid) @ out[:, 3:]
     return np.broadcast_to(out, (len(prediction.campaign.poses), 6, 6))
+
+
+def _of_dead_zones(prediction: RobotReadings, step: Step) -> Array:
+    """Return derivatives (n,) by dead zones, and by what holds drives to a side of them."""
+    (ahead, behind, width) = step
+    out = np.zeros(len(prediction.campaign))
+    for drive, size in ahead.dead_zones.items():
+        held = ahead.preloads.get(drive)
+        force = None if held is None else held.force
+        more = size - behind.dead_zones[drive]
+        out += more / width * prediction.dead_zone(drive, force)
+        if held is not None:
+            # readings step with a preload: of a range of it, the mean slope
+            rate = size * (held.force - behind.preloads[drive].force) / width
+            ends = [held.force + side * held.reach for side in (1.0, -1.0)]
+            change = [prediction.dead_zone(drive, each) for each in ends]
+            out += rate * (change[0] - change[1]) / (2.0 * held.reach)
+    return out
 
 
 def _of_payload(prediction: RobotReadings, payload: Payload) -> Array:

@@ -65,7 +65,7 @@ def push_payload(
     """Yield the forces of a payload: its pull and weight, and the pair of its first moments."""
     arm = where.rotation[payload.body] @ payload.moments
     at = where.point(payload.body, payload.at)
-    of_mass = payload.mass * gravity + payload.force
+    of_mass = (payload.mass - payload.carried) * gravity + payload.force
     for point, force in ((at, of_mass - gravity), (at + arm, gravity)):
         lever = point - where.tool
         pushed = np.broadcast_to(force, lever.shape)

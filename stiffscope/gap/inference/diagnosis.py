@@ -63,6 +63,17 @@ class DriveStiffness:
 
 
 @dataclass(frozen=True)
+class Adoptable:
+    """What a robot file may take over: all causes that are certain, with values that need no others."""
+
+    effects: tuple[Effect, ...]
+    drives: dict[str, DriveStiffness]
+    """Resulting stiffness of each drive with these, by joint."""
+    left_out: tuple[Effect, ...] = ()
+    """Effects fitted jointly with the named ones that are not certain."""
+
+
+@dataclass(frozen=True)
 class ResponseModes:
     """A measured mode with the computed ones of the same shape; NaN without one."""
 
@@ -240,6 +251,8 @@ class Diagnosis:
     """Posterior samples, for `posterior.nc` and the figures."""
     beside: tuple[Effect, ...] = ()
     """Uncertain effects fitted jointly with the named ones; "unknown" for nuisance patterns."""
+    adoptable: Adoptable | None = field(default=None, repr=False, compare=False)
+    """Not in JSON."""
 
     def to_pandas(self) -> pd.DataFrame:
         """Return named effects, one row per parameter: value, sigma, 95 % interval, unit; SI."""
@@ -277,10 +290,11 @@ class Diagnosis:
 def to_json(diagnosis: Diagnosis) -> dict[str, Any]:
     """Return the diagnosis as plain data for `diagnosis.json`; missing numbers are null."""
     alone = {k: replace(each, lines=()) for k, each in diagnosis.responses.items()}
-    data = asdict(replace(diagnosis, samples=None, responses=alone))
+    data = asdict(replace(diagnosis, samples=None, adoptable=None, responses=alone))
     for each in data["responses"].values():
         del each["lines"]
-    del data["steps"], data["signature_correlation"], data["samples"]
+    for key in ("steps", "signature_correlation", "samples", "adoptable"):
+        del data[key]
     data["gap"]["unit"] = "% rms"
     data["where"]["poses"] = data["where"].pop("pose_names")
     step = data["next_measurement"]

@@ -35,6 +35,16 @@ def lack_of_fit(found: Findings, hypothesis: Hypothesis) -> str:
     return f"{left}; {together}" if together else left
 
 
+def agrees(found: Findings, left: Array) -> bool:
+    """Return whether residuals (n,), in the readings' units, are no more than the noise."""
+    used = found.used_readings
+    dof = max(int(used.sum()), 1)
+    total = float(np.sum((left / found.sigma)[used] ** 2))
+    known = min(found.problem.noise.freedom, TESTS.sure)
+    few = total - dof <= (TESTS.negligible - 1.0) * dof
+    return few or float(fdtrc(dof, known, total / dof)) >= TESTS.significance
+
+
 def misses_lines(found: Findings, hypothesis: Hypothesis) -> str:
     """Return a description of lines of responses left far beyond their noise; empty if none are."""
     lines = found.used_readings & found.campaign.in_blocks

@@ -8,9 +8,19 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.gap.inference.lack_of_fit import lack_of_fit, misses_lines, model_errors
-from stiffscope.gap.inference.plausibility import implausible, impossible
-from stiffscope.gap.inference.settings import GROUPS, VERDICT
+from stiffscope.gap.inference.lack_of_fit import (
+    agrees,
+    lack_of_fit,
+    misses_lines,
+    model_errors,
+)
+from stiffscope.gap.inference.plausibility import (
+    implausible,
+    impossible,
+    own_part,
+    physical_sigma,
+)
+from stiffscope.gap.inference.settings import GROUPS, PLAUSIBLE, VERDICT
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -42,54 +52,88 @@ def judge_findings(found: Findings) -> Judgement:
     and by the readings rather than prior odds, plausible parameters, and explains part of the gap.
     None is if the likeliest set, or its certain effects, leave a greater χ² than no effect. With
     certain effects the verdict is "identified" if they reduce the gap to the noise, and "partly"
-    if not or if a nuisance pattern is also certain; without, "no-gap" or "unexplained", if the gap
-    is within the noise or not. It is "ambiguous" if known effects reduce the gap to the noise but
+    if not, if a nuisance pattern is also certain, if a cause is that explains too little to be
+    named, or if an instrument is found elsewhere than stated; without, "no-gap" or "unexplained",
+    if the gap is within the noise or not. It is "ambiguous" if known effects reduce the gap to the noise but
     the main one is open, because a pattern or a like unnamed fault may replace it.
     """
-    best = found.best
     none = found.none
-    certain, strange, unsettled = _find_certain(found)
-    missed = find_missed_lines(found, certain)
-    reasons = [missed] if missed else []
-    if missed:
-        certain = []
-        unsettled.append(missed)
+    sifted = _sift(found)
+    certain = sifted.certain
     kept = found.fit_effects(certain)
-    before = found.chi2(none)
     other = found.fit_named(certain)
     if other is not kept and lack_of_fit(found, kept) and not lack_of_fit(found, other):
         kept = other  # beside others another form was likelier, by a hair
-    if (
-        certain and max(found.chi2(kept), found.chi2(best)) >= before
-    ):  # they fit details only
+    left = max(found.chi2(kept), found.chi2(found.best))
+    if certain and left >= found.chi2(none):  # they fit details only
         certain = []
         kept = none
     count = int(found.used_readings.sum())
     parameters = _count_shown(found, kept)
     few = count < VERDICT.few * (parameters + 1)
     if few:
-        unsettled.append(
+        sifted.unsettled.append(
             f"{count} readings are too few to identify {parameters:.0f} parameters"
         )
     if certain and not few:
-        return _judge(found, kept, strange, unsettled)
-    gap = lack_of_fit(found, none)
-    if gap:
+        return _judge(found, kept, sifted)
+    return _judge_uncertain(found, sifted)
+
+
+def _judge_uncertain(found: Findings, sifted: _Sifted) -> Judgement:
+    """Return the verdict if no effect is certain."""
+    best = found.best
+    none = found.none
+    strange = sifted.strange
+    refused = (*strange, *sifted.reasons)
+    if gap := lack_of_fit(found, none):
         known = found.fit_effects(best.words)
         rest = lack_of_fit(found, known)
         if not best.words or strange or rest:
             left = rest if best.words else gap
-            remarks = (*strange, *reasons, *([left] if left else []))
+            remarks = (*refused, *([left] if left else []))
             return Judgement("unexplained", (), none, remarks)
-        return Judgement("ambiguous", known.words, known, tuple(unsettled))
+        return Judgement("ambiguous", known.words, known, tuple(sifted.unsettled))
     alone = sum(p for h, p in found.ranked if not h.words)
-    if found.problem.noise.scaled.any() and alone <= VERDICT.majority and strange:
-        remarks = (*strange, *reasons)
-        return Judgement("unexplained", (), none, remarks)  # of unknown noise
+    guessed = found.problem.noise.scaled.any() and alone <= VERDICT.majority and strange
+    if guessed or sifted.displaced:  # of unknown noise, or against what is stated
+        return Judgement("unexplained", (), none, refused)
     if alone > VERDICT.majority or not best.words or strange:
         return Judgement("no-gap", (), none, tuple(strange))
     known = found.fit_effects(best.words)
-    return Judgement("ambiguous", known.words, known, tuple(unsettled))
+    return Judgement("ambiguous", known.words, known, tuple(sifted.unsettled))
+
+
+@dataclass(frozen=True)
+class _Sifted:
+    """The effects of the likeliest set that are certain, and why others are not."""
+
+    certain: list[Candidate]
+    strange: list[str]
+    """Remarks on what no known effect explains."""
+    unsettled: list[str]
+    """Remarks on what is open."""
+    little: list[str]
+    """Names of probable effects that explain too little to be certain."""
+    reasons: list[str]
+    """Why nothing can be certain."""
+    displaced: bool
+    """Whether instruments are found elsewhere than stated without any effect."""
+
+
+def _sift(found: Findings) -> _Sifted:
+    """Return the certain effects; none if responses or the places of instruments refuse them."""
+    sifted = _find_certain(found)
+    missed = find_missed_lines(found, sifted.certain)
+    moved = found.model.find_displaced()
+    if missed:
+        sifted.unsettled.append(missed)
+        sifted = replace(sifted, certain=[], reasons=[missed])
+    if moved.left is not None and moved.remarks and agrees(found, moved.left):
+        # without what is stated of these instruments there is no gap
+        strange = [*moved.remarks, *sifted.strange]
+        sifted = replace(sifted, certain=[], strange=strange)
+    return replace(sifted, displaced=bool(moved.remarks))
 
 
 def find_missed_lines(found: Findings, certain: Sequence[Candidate]) -> str:
@@ -110,8 +154,8 @@ def _count_shown(found: Findings, hypothesis: Hypothesis) -> float:
     return float(np.trace(np.linalg.solve(gram + np.eye(len(gram)), gram)))
 
 
-def _find_certain(found: Findings) -> tuple[list[Candidate], list[str], list[str]]:
-    """Return certain effects, remarks on what no known effect explains, and on what is open."""
+def _find_certain(found: Findings) -> _Sifted:
+    """Return the certain effects of the likeliest set, by their probabilities and sizes."""
     best = found.best
     wrong = {c.name: impossible(c, found.best) for c in best.words}
     strange = [text for texts in wrong.values() for text in texts]
@@ -131,13 +175,40 @@ def _find_certain(found: Findings) -> tuple[list[Candidate], list[str], list[str
         for c in best.words
         if not wrong[c.name] and _certain(groups[c.name]) and not _bends(found, c)
     ]
+    resting = {c.name: _find_play(found, c) for c in probable}
+    unsettled += [
+        f"{name} is no larger than {play}: it may be where the drive rests in its gap"
+        for name, play in resting.items()
+        if play
+    ]
+    probable = [c for c in probable if not resting[c.name]]
     certain, little = _keep_explaining(found, probable)
     if little:
         unsettled.append(
             f"{' and '.join(little)} would explain less than "
             f"{100.0 * VERDICT.explains:.0f} % of the gap: not certain"
         )
-    return certain, strange, unsettled
+    return _Sifted(certain, strange, unsettled, little, [], displaced=False)
+
+
+def _find_play(found: Findings, candidate: Candidate) -> str:
+    """Return the dead zone within which an offset of the same drive may be its rest; else "".
+
+    An unloaded drive with play rests anywhere in its gap, which readings take for an offset.
+    """
+    for other in found.best.words if candidate.rests_in else ():
+        if other.effect != candidate.rests_in or other.members != candidate.members:
+            continue
+        values = []
+        variance = 0.0
+        for each in (candidate, other):
+            internal, covariance = own_part(found.best, each.name)
+            values.append(float(np.abs(each.physical(internal)[0])))
+            variance += float(physical_sigma(each, internal, covariance)[0]) ** 2
+        offset, half_width = values
+        if offset <= half_width + PLAUSIBLE.significant * np.sqrt(variance):
+            return other.name
+    return ""
 
 
 def settle_verdict(
@@ -152,6 +223,9 @@ def settle_verdict(
     others
         The same hypotheses under other priors and their verdicts, by description of the prior.
     """
+    if judgement.verdict == "partly":
+        plainer = find_plainer(found, judgement.hypothesis)
+        return replace(judgement, alike=plainer, remarks=_remark(judgement, plainer))
     if judgement.verdict != "identified":
         return judgement
     for prior, (other, verdict) in others.items():
@@ -173,24 +247,31 @@ def settle_verdict(
         remarks = (*judgement.remarks, text)
         return replace(judgement, verdict="ambiguous", remarks=remarks)
     alike = find_alike(found, judgement.hypothesis)
+    for name, plain in find_plainer(found, judgement.hypothesis).items():
+        alike[name] = tuple(dict.fromkeys([*alike.get(name, ()), *plain]))
     if not alike:
         return judgement
+    remarks = _remark(judgement, alike)
+    return replace(judgement, verdict="ambiguous", remarks=remarks, alike=alike)
+
+
+def _remark(
+    judgement: Judgement, alike: Mapping[str, tuple[str, ...]]
+) -> tuple[str, ...]:
+    """Return the remarks of a verdict, and those on causes that fit as well."""
     texts = (
         f"{' or '.join(others)} fits as well as {name}"
         for name, others in alike.items()
     )
-    remarks = (*judgement.remarks, *texts)
-    return replace(judgement, verdict="ambiguous", remarks=remarks, alike=alike)
+    return (*judgement.remarks, *texts)
 
 
-def _judge(
-    found: Findings, kept: Hypothesis, strange: list[str], unsettled: list[str]
-) -> Judgement:
-    """Return the verdict if some effects are certain.
-
-    kept: exactly these; strange: implausible or unnamed causes; unsettled: equally good ones.
-    """
+def _judge(found: Findings, kept: Hypothesis, sifted: _Sifted) -> Judgement:
+    """Return the verdict if some effects are certain; kept: the hypothesis of exactly these."""
+    strange = sifted.strange
+    unsettled = sifted.unsettled
     rest = lack_of_fit(found, kept)
+    moved = found.model.find_displaced(kept.parameters).remarks
     names = [c.name for c in kept.words]
     if rest and not strange:
         known = found.fit_effects(found.best.words)
@@ -198,7 +279,7 @@ def _judge(
             open_ones = ", ".join(c.name for c in known.words if c.name not in names)
             text = f"certain: {', '.join(names)}; uncertain: {open_ones}"
             return Judgement("ambiguous", known.words, known, (text, *unsettled))
-    if rest or _pattern_beside(found, kept):
+    if rest or sifted.little or moved or _pattern_beside(found, kept):
         verdict = "partly"
     else:
         main = found.group(_main(found, kept))
@@ -210,6 +291,7 @@ def _judge(
     remarks = (
         *strange,
         *unsettled,
+        *moved,
         *([rest] if rest else []),
         *_imitations(found, kept.names),
     )
@@ -309,6 +391,43 @@ def find_alike(found: Findings, kept: Hypothesis) -> dict[str, tuple[str, ...]]:
         if names:
             out[c.name] = tuple(dict.fromkeys(names))
     return out
+
+
+def find_plainer(found: Findings, kept: Hypothesis) -> dict[str, tuple[str, ...]]:
+    """Return known causes of the same elements with fewer parameters that do nearly as well, by name.
+
+    What an effect has beyond a plainer one, such as a knee beyond a softer drive, is certain only
+    if it explains as much of the gap as any effect must. Errors of a model look like such details.
+    """
+    out: dict[str, tuple[str, ...]] = {}
+    misses = bool(lack_of_fit(found, kept))
+    for c in kept.words:
+        grouped = found.group(c.name).others
+        names = [
+            other.name
+            for other in found.model.library
+            if other.members == c.members
+            and c.members
+            and len(other.scale) < len(c.scale)
+            and other.name not in grouped
+            and _may_replace(found, kept, c, other)
+            and _does_nearly_as_well(found, kept, c, other, misses=misses)
+        ]
+        if names:
+            out[c.name] = tuple(dict.fromkeys(names))
+    return out
+
+
+def _does_nearly_as_well(
+    found: Findings, kept: Hypothesis, c: Candidate, other: Candidate, *, misses: bool
+) -> bool:
+    """Return whether another effect in the place of one adds less to what is left than counts."""
+    instead = (other if each is c else each for each in kept.candidates)
+    fitted = found.fit_effects(instead)
+    more = _excess(found, fitted) - _excess(found, kept)
+    small = more < VERDICT.explains * _excess(found, found.none)
+    fits = misses or not lack_of_fit(found, fitted)
+    return small and fits and not implausible(other, fitted)
 
 
 def _may_replace(
