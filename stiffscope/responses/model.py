@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -121,6 +121,26 @@ class ResponseFile:
     points: Mapping[str, Array] = field(default_factory=dict[str, "Array"])
     lines: tuple[tuple[str, ...], ...] = ()
     remarks: tuple[str, ...] = ()
+
+
+# Sizes of measured values in any unit. Bytes in the wrong order give numbers of all sizes.
+_LEAST, _MOST = 1e-30, 1e30
+
+
+def find_impossible(values: NDArray[Any]) -> int | None:
+    """Return the index of the first value that no instrument measures; None if all may be.
+
+    It is not finite, or beyond 1e30; or the least of all, if most of those that are not zero are
+    below 1e-30.
+    """
+    size = np.abs(values)
+    wrong = ~(size < _MOST)
+    if wrong.any():
+        return int(wrong.argmax())
+    some = np.flatnonzero(size)
+    if len(some) and np.median(size[some]) < _LEAST:
+        return int(some[size[some].argmin()])
+    return None
 
 
 def integrate_motion(

@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.errors import InputError
+from stiffscope.errors import InputError, require
 from stiffscope.responses.model import (
     AXES,
     Direction,
     Quantity,
     Response,
     ResponseFile,
+    find_impossible,
     integrate_motion,
 )
 from stiffscope.runtime import table as tables
@@ -137,11 +138,7 @@ def _complex(
         raise InputError(
             f"{path.name}: {name}: expected {count} values, got {len(values)}"
         )
-    if not np.isfinite(values).all():
-        row = int(np.argmin(np.isfinite(values)))
-        raise InputError(
-            f"{path.name}: {name}: expected finite values, got none in row {row + 1}"
-        )
+    _require_measured(path, name, values)
     return np.asarray(values, dtype=np.complex128)
 
 
@@ -166,12 +163,18 @@ def _real(path: Path, name: str, values: Any) -> Array:
         raise InputError(
             f"{path.name}: {name}: expected real numbers, got others"
         ) from error
-    if not np.isfinite(numbers).all():
-        row = int(np.argmin(np.isfinite(numbers)))
-        raise InputError(
-            f"{path.name}: {name}: expected finite numbers, got none in row {row + 1}"
-        )
+    _require_measured(path, name, numbers)
     return numbers
+
+
+def _require_measured(path: Path, name: str, values: NDArray[Any]) -> None:
+    row = find_impossible(values)
+    require(
+        row is None,
+        f"{path.name}: {name}",
+        "finite values from 1e-30 to 1e30",
+        None if row is None else f"{values[row]:.6g} in row {row + 1}",
+    )
 
 
 def _list(columns: Mapping[str, Any]) -> str:

@@ -21,6 +21,7 @@ from stiffscope.responses.model import (
     Response,
     ResponseFile,
     Shape,
+    find_impossible,
     integrate_motion,
 )
 from stiffscope.responses.units import UnitSystem, ordinate_factor
@@ -208,12 +209,13 @@ def _read_function(block: Block) -> _Function:
     complex_values = ordinates[:, 0].astype(complex)
     if data_type > 4:
         complex_values = ordinates[:, 0] + 1j * ordinates[:, 1]
-    wrong = ~(np.isfinite(complex_values) & np.isfinite(x))
-    if wrong.any():
-        row = int(np.argmax(wrong))
-        where = f"{block.name}:{block.line + 11}: dataset {block.number}"
-        raise InputError(
-            f"{where}: expected finite values, got {values[row]} at value {row + 1}"
+    for numbers in (x, complex_values):
+        row = find_impossible(numbers)
+        require(
+            row is None,
+            f"{block.name}:{block.line + 11}: dataset {block.number}",
+            "finite values from 1e-30 to 1e30, and of binary ones the byte order that is stated",
+            None if row is None else f"{numbers[row]:.6g} at value {row + 1}",
         )
     return _Function(
         kind=head[0],

@@ -240,6 +240,24 @@ def test_a_million_lines_are_refused_at_once(tmp_path, binary):
     assert time.process_time() - start < 5.0
 
 
+@pytest.mark.parametrize(
+    "binary",
+    [
+        {"binary": 1, "ord_data_type": 5},
+        {"binary": 1, "ord_data_type": 6},
+        {"binary": 0, "ord_data_type": 6},
+    ],
+)
+def test_values_that_no_instrument_measures_are_refused(tmp_path, binary):
+    """Bytes in another order than stated, or numbers beyond all sizes."""
+    values = VALUES * (1.0 if binary["binary"] else 1e300)
+    path = write(tmp_path / "c.uff", function(EVEN, values, **binary))
+    other = path.read_bytes().replace(b"    58b     1", b"    58b     2")
+    path.write_bytes(other)
+    with pytest.raises(InputError, match="expected finite values from 1e-30 to 1e30"):
+        read_uff(path)
+
+
 def test_a_huge_number_of_values_is_refused(tmp_path):
     path = write(tmp_path / "huge.uff", function(EVEN, VALUES, binary=1))
     stated = f"{COUNT:10d}".encode()
