@@ -46,40 +46,20 @@ Errors
     InputError         invalid input; its one-line message states the problem and what is valid
 """
 
-import ast
 import sys
-from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+import lazy_loader
 
 if TYPE_CHECKING:
     from stiffscope.names import *  # noqa: F403
 
 __version__ = "0.2.0"
 
-_STUB = ast.parse(Path(__file__).with_name("names.pyi").read_text(encoding="utf-8"))
-_PLACES = {
-    line.names[0].name: f"{__name__}.{line.module}"
-    for line in _STUB.body
-    if isinstance(line, ast.ImportFrom)
-}
-"""Module of each name, from the stub that editors read too."""
-__all__ = sorted(_PLACES)  # noqa: PLE0605 (a list)
-
-
-def __getattr__(name: str) -> Any:
-    """Import a name's module when the name is first used, so that `import stiffscope` is quick."""
-    if name not in _PLACES:
-        raise AttributeError(f"No {__name__} attribute {name}")
-    value = getattr(import_module(_PLACES[name]), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    """Return the names above."""
-    return list(__all__)
-
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(
+    __name__, str(Path(__file__).with_name("names.pyi"))
+)
 
 if (
     "IPython" in sys.modules

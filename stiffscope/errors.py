@@ -2,9 +2,9 @@
 
 import difflib
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from typing import Any, TypeVar, cast
 
 T = TypeVar("T")
 
@@ -91,7 +91,7 @@ def _error(where: Any, expected: str, got: object) -> Exception:
 def _place(where: Any, message: str) -> Exception:
     """Return the error of a message at a place; see `require`."""
     if callable(where):
-        return where(message)
+        return cast("Callable[[str], Exception]", where)(message)
     if isinstance(where, tuple):
         return FieldError(where, message)
     return InputError(f"{where}: {message}" if str(where) else message)

@@ -214,7 +214,9 @@ class Curve:
         depth = 0.5 * (low + high)
         share = np.full(len(low), 0.5)
         for _ in range(_NEWTON):
-            value, by_depth, by_share = 0j, 0j, 0j
+            value: Complex = np.zeros(len(low), dtype=complex)
+            by_depth = value
+            by_share = value
             for first, step in zip(begin[::-1], change[::-1], strict=True):
                 by_depth = by_depth * depth + value
                 value = value * depth + first + share * step

@@ -239,7 +239,8 @@ def _write_group(
     words: Mapping[str, Sequence[str]] | None = None,
 ) -> None:
     """Write arrays over dimensions of some lengths; ``words`` label the last dimension."""
-    text = h5py.string_dtype()
+    types: Any = h5py  # has no types
+    text = types.string_dtype()
     group.dimensions = dict(lengths)
     for name, length in lengths.items():
         group.create_variable(name, (name,), data=np.arange(length))

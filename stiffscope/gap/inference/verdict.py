@@ -199,7 +199,7 @@ def _find_play(found: Findings, candidate: Candidate) -> str:
     for other in found.best.words if candidate.rests_in else ():
         if other.effect != candidate.rests_in or other.members != candidate.members:
             continue
-        values = []
+        values: list[float] = []
         variance = 0.0
         for each in (candidate, other):
             internal, covariance = own_part(found.best, each.name)

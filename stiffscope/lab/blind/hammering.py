@@ -133,7 +133,7 @@ class HammerBench:
             names = bearing_words([joints[name] for name in members if name in joints])
         if effect == "payload":
             none = {"x": 0.0, "y": 0.0, "z": 0.0}
-            aside = ({}, {"x": 0.1}, {"y": 0.1}, {"z": 0.1})
+            aside: list[dict[str, float]] = [{}, {"x": 0.1}, {"y": 0.1}, {"z": 0.1}]
             sizes = [{"mass": 0.1, **none, **away} for away in aside]
             return [Fault(effect, place, size) for size in sizes]
         out: list[Fault] = []
@@ -197,7 +197,7 @@ def draw_hammer(lab: Lab, rng: np.random.Generator) -> tuple[HammerPlan, Located
     )
     tool, *others = _list_nodes(lab)
     some = rng.permutation(len(others))[: _POINTS - 2]
-    nodes = [tool, tool, *(others[k] for k in some)]
+    nodes: list[str] = [tool, tool, *(others[int(k)] for k in some)]
     points: dict[str, Spot] = {}
     for k, node in enumerate(nodes, 1):
         away = reach * (1.0 if node == tool else _AWAY) * rng.uniform(-1.0, 1.0, 3)
@@ -229,7 +229,7 @@ def _place_node(machine: Machine, node: str) -> Array:
 def _choose_lines(lab: Lab, plan: HammerPlan, located: Located) -> Array:
     """Return lines about each mode of the sound machine, and some between."""
     low, *_, high = plan.hertz
-    lines = [np.geomspace(low, high, _BETWEEN)]
+    lines: list[Array] = [np.geomspace(low, high, _BETWEEN)]
     for k in range(len(plan.poses)):
         ringing = find_ringing(lab, (), k, located, plan)
         heavy = ringing.mass > 0.0
