@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import h5netcdf  # pyright: ignore[reportMissingTypeStubs]  # not xarray, which imports slowly
 import h5py  # pyright: ignore[reportMissingTypeStubs]
@@ -239,8 +239,7 @@ def _write_group(
     words: Mapping[str, Sequence[str]] | None = None,
 ) -> None:
     """Write arrays over dimensions of some lengths; ``words`` label the last dimension."""
-    types: Any = h5py  # has no types
-    text = types.string_dtype()
+    text = cast("Any", h5py).string_dtype()  # h5py has no types
     group.dimensions = dict(lengths)
     for name, length in lengths.items():
         group.create_variable(name, (name,), data=np.arange(length))
