@@ -190,7 +190,7 @@ def _balance(nodes: Floats, facets: Ints, tags: Ints, target: Target) -> Floats:
     per_mid = np.repeat(gaps, 3, axis=0)
     pairs = np.unique(mids * (tags.max() + 1) + np.repeat(tags, 3)) // (tags.max() + 1)
     one_face = (np.bincount(pairs, minlength=len(nodes)) == 1)[:, None]
-    shift = np.stack([np.bincount(mids, end, len(nodes)) for end in per_mid.T], axis=1)
+    shift = np.stack([np.bincount(mids, gap, len(nodes)) for gap in per_mid.T], axis=1)
     sharing = np.bincount(mids, minlength=len(nodes)).clip(min=1)[:, None]
     return nodes + np.where(one_face, shift / sharing, 0)
 

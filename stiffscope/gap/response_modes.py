@@ -93,9 +93,10 @@ def describe_responses(
         levels += own
         pairs = zip(before, after, strict=True)
         lines = tuple(line for pair in pairs for line in _compare_lines(*pair))
-        modes = tuple(_pair_modes(before, after))
+        peaks = _find_measured(before)
+        modes = tuple(_pair_modes(peaks, before, after))
         nan = float("nan")
-        unseen = [mode.frequency for mode in _list_modes(without)] if without else []
+        unseen = [mode.frequency for mode in _list_modes(peaks, without)]
         rows += [
             (mode.measured, mode.before, mode.after, other)
             for mode, other in zip(
@@ -173,6 +174,15 @@ def _compare_levels(
     return _Levels(first, last, other, noise)
 
 
+@dataclass(frozen=True, eq=False)
+class _Peaks:
+    """Measured modes (k,) of a set-up: frequencies, shapes (r, k), and where these were measured."""
+
+    hertz: Array
+    shapes: Complex
+    heard: Flags
+
+
 @dataclass(frozen=True)
 class _Match:
     """A measured mode and the computed one of the same shape; NaN if there is none."""
@@ -184,10 +194,11 @@ class _Match:
 
 
 def _pair_modes(
-    before: Sequence[ResponseState], after: Sequence[ResponseState]
+    peaks: _Peaks, before: Sequence[ResponseState], after: Sequence[ResponseState]
 ) -> Iterator[ResponseModes]:
-    """Yield the measured modes of all blocks of a set-up with the computed ones of the same shape."""
-    for first, last in zip(_list_modes(before), _list_modes(after), strict=True):
+    """Yield the measured modes with the computed ones of the same shape."""
+    pairs = zip(_list_modes(peaks, before), _list_modes(peaks, after), strict=True)
+    for first, last in pairs:
         yield ResponseModes(
             first.measured,
             first.frequency,
@@ -198,17 +209,24 @@ def _pair_modes(
         )
 
 
-def _list_modes(states: Sequence[ResponseState]) -> list[_Match]:
-    """Return the measured modes of all blocks of a set-up, matched with those of states."""
+def _find_measured(states: Sequence[ResponseState]) -> _Peaks:
+    """Return the measured modes of all blocks of a set-up."""
     responses = [each for state in states for each in state.block.measured.responses]
     spread, measured = _spread_lines(responses)
     peaks = find_peaks(spread)
     hertz = spread[0].frequency[peaks]
     shapes = np.array([response.receptance[peaks] for response in spread])
-    found = _match(hertz, shapes, measured[:, peaks], states)
+    return _Peaks(hertz, shapes, measured[:, peaks])
+
+
+def _list_modes(peaks: _Peaks, states: Sequence[ResponseState]) -> list[_Match]:
+    """Return the measured modes, matched with those of states; nothing without states."""
+    if not states:
+        return []
+    found = _match(peaks.hertz, peaks.shapes, peaks.heard, states)
     return [
         _Match(frequency, *own)
-        for frequency, own in zip(hertz.tolist(), found, strict=True)
+        for frequency, own in zip(peaks.hertz.tolist(), found, strict=True)
     ]
 
 

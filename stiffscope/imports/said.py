@@ -154,8 +154,8 @@ def as_said(
 
 def _as_kind(kind: str, here: Sequence[Freedom | Contact], scale: float) -> Freedom:
     """Return a joint of a kind between two solids, at the joint found or at the largest contact."""
-    joint: Any = next((pair for pair in here if isinstance(pair, Freedom)), None)
-    touching = [pair for pair in here if not isinstance(pair, Freedom)]
+    joint: Any = next((link for link in here if isinstance(link, Freedom)), None)
+    touching = [link for link in here if not isinstance(link, Freedom)]
     if touching and (joint is None or joint.axis is None):
         best = max(touching, key=lambda c: (c.kind != "plane", c.size))
         ends = best.first, best.second

@@ -352,7 +352,7 @@ def _tree_joint(source: CompiledModel, number: int) -> ModelJoint | None:
         m.dof_armature[dof],
         m.dof_frictionloss[dof],
     )
-    sizes = (float(np.ravel(joint)[0]) for joint in properties)
+    sizes = (float(np.ravel(values)[0]) for values in properties)
     pairs = zip(_DYNAMICS, sizes, strict=True)
     dynamics = {word: size for word, size in pairs if size}
     return ModelJoint(

@@ -20,7 +20,7 @@ from stiffscope.lab.response import list_elements, place_nodes
 from stiffscope.lab.rotations import lever, transform_to
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
+    from collections.abc import Mapping
 
     from stiffscope.lab.closure import Located
     from stiffscope.lab.machine import Body, Machine
@@ -84,12 +84,13 @@ class DenseMachine:
         nodes = 6 * (len(self._index) - 1)
         own = sum(len(body.squares) for body in machine.bodies.values())
         self._size = nodes + own
-        rows = list(self._constrain(elements))
-        self.basis: Array = null_space(np.vstack(rows), rcond=_FREE)
+        rows: list[Array] = []
         k = np.zeros((self._size, self._size))
-        for each in elements:
-            across = self._stretch(each)
-            k += across.T @ across
+        for element in elements:
+            rigid, stretched = self._split(element)
+            rows.append(rigid)
+            k += stretched.T @ stretched
+        self.basis: Array = null_space(np.vstack(rows), rcond=_FREE)
         m = np.zeros_like(k)
         after = nodes
         for body in machine.bodies.values():
@@ -119,26 +120,20 @@ class DenseMachine:
         unit = np.tile([1.0] * 3 + [1.0 / _METRE] * 3, len(element.second))
         return out, np.abs(held) @ unit
 
-    def _split(self, element: Element) -> tuple[Array, Array, Array]:
-        """Return compliances (r,) in principal directions, these (r, r), and the motion (r, size)."""
+    def _split(self, element: Element) -> tuple[Array, Array]:
+        """Return an element's motions (r, size) in principal directions that do not yield, and in others.
+
+        The former are constraints. The latter are over the root of their compliance: half their
+        square is energy.
+        """
         across, unit = self._relative(element)
         held = element.held[0]
         soft = held @ element.compliance @ held.T / np.outer(unit, unit)
         values, vectors = np.linalg.eigh(soft)
-        return values, vectors, across / unit[:, None]
-
-    def _constrain(self, elements: list[Element]) -> Iterator[Array]:
-        """Yield constraints (r, size) on motions in directions that do not yield."""
-        for element in elements:
-            values, vectors, across = self._split(element)
-            rigid = values <= _YIELDS * values.max(initial=0.0)
-            yield vectors[:, rigid].T @ across
-
-    def _stretch(self, element: Element) -> Array:
-        """Return motions (r, size) over the root of their compliance: half their square is energy."""
-        values, vectors, across = self._split(element)
-        soft = values > _YIELDS * values.max(initial=0.0)
-        return (vectors[:, soft] / np.sqrt(values[soft])).T @ across
+        across = across / unit[:, None]
+        rigid = values <= _YIELDS * values.max(initial=0.0)
+        stretched = (vectors[:, ~rigid] / np.sqrt(values[~rigid])).T @ across
+        return vectors[:, rigid].T @ across, stretched
 
     def _add_body(self, body: Body, k: Array, m: Array, after: int) -> int:
         """Add a body's mass, and its modes from dof ``after`` on; return the next free dof."""

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from stiffscope.lab.closure import Frames, Located
+    from stiffscope.lab.dense import DenseModes
     from stiffscope.lab.machine import Machine
     from stiffscope.lab.response import Spot
     from stiffscope.lab.rotations import Array
@@ -91,26 +92,27 @@ class Ringing:
 
     Attributes
     ----------
-    mass, stiffness
-        Modal masses and stiffnesses (c,).
+    modes
+        Their masses and stiffnesses.
     twists
         Twists (6, c) of its nodes about the origin.
     frames
         Where these are.
     """
 
-    mass: Array
-    stiffness: Array
+    modes: DenseModes
     twists: Mapping[str, Array]
     frames: Frames
 
     def respond(self, plan: HammerPlan, damping: Array) -> Complex:
         """Return the receptances (hits, motions, f) of a plan; see `strike`."""
         omega = 2.0 * np.pi * plan.hertz
-        ratios = np.concatenate([damping, np.full(len(self.mass), damping[-1])])
-        critical = 2.0 * np.sqrt((self.mass * self.stiffness).clip(min=0.0))
-        loss = (ratios[: len(self.mass)] * critical)[:, None] * omega
-        rigidity = self.stiffness[:, None] - self.mass[:, None] * omega**2
+        mass = self.modes.mass
+        stiffness = self.modes.stiffness
+        ratios = np.concatenate([damping, np.full(len(mass), damping[-1])])
+        critical = 2.0 * np.sqrt((mass * stiffness).clip(min=0.0))
+        loss = (ratios[: len(mass)] * critical)[:, None] * omega
+        rigidity = stiffness[:, None] - mass[:, None] * omega**2
         moved = {
             name: (lever(self.frames.point(spot.node, spot.at)[0]) @ twist)[:3]
             for name, spot in plan.points.items()
@@ -146,7 +148,7 @@ def ring(
     dense = DenseMachine(machine, located, points)
     modes = dense.solve(about)
     twists = {node: dense.find_twist(modes, node) for node in nodes}
-    return Ringing(modes.mass, modes.stiffness, twists, dense.frames)
+    return Ringing(modes, twists, dense.frames)
 
 
 def strike(

@@ -353,7 +353,7 @@ def _find_limits(
         some = np.flatnonzero(np.isfinite(guess))
         certain[some] = _is_least(loop[some], theta[some], guess[some], angle[some])
         size = np.where(certain, guess, size)
-    rest = np.flatnonzero(~certain)
+    rest = np.flatnonzero(known & ~certain)
     if rest.size:
         part = loop[rest]
         curve = _characteristic(part, theta[rest], size[rest])

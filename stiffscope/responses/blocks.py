@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 _DELIMITER = re.compile(rb"^ {4}-1[ \t]*$")
 _BINARY = re.compile(rb"^ *(\d+)b(.*)$", re.IGNORECASE)
-_ASCII_LINES = 11  # of the header of 58b
+ASCII_LINES = 11  # of the header of 58b
 
 
 @dataclass(frozen=True)
@@ -165,7 +165,7 @@ def _read_binary(
         expected = "byte order 1 or 2 and number format 2 (IEEE 754)"
         raise InputError(f"{where}: expected {expected}, got {order} and {form}")
     records = []
-    for _ in range(count or _ASCII_LINES):
+    for _ in range(count or ASCII_LINES):
         text, at, line = _next_line(content, at, line)
         if text is None:
             raise InputError(

@@ -38,8 +38,8 @@ if TYPE_CHECKING:
 
 FREQUENCY_RESPONSE = 4
 COHERENCE = 6
-_QUANTITIES: dict[int, Quantity] = {8: "receptance", 11: "mobility", 12: "accelerance"}
-_FREQUENCY = 18
+QUANTITIES: dict[int, Quantity] = {8: "receptance", 11: "mobility", 12: "accelerance"}
+FREQUENCY = 18
 _EXPONENT = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)|(?<=\d)(?=[+-]\d{3}$)")
 _KNOWN = {15, 55, 58, 82, 151, 164, 2411}
 _NORMAL, _COMPLEX_FIRST, _COMPLEX_SECOND = 2, 3, 7  # analyses of dataset 55
@@ -190,9 +190,9 @@ def _read_function(block: Block) -> _Function:
     if head[0] in {FREQUENCY_RESPONSE, COHERENCE} and abscissa not in {
         0,
         1,
-        _FREQUENCY,
+        FREQUENCY,
     }:
-        raise block.fail(7, f"frequencies ({_FREQUENCY}) as abscissa")
+        raise block.fail(7, f"frequencies ({FREQUENCY}) as abscissa")
     values = (
         _ascii_values(block, data_type, spacing)
         if block.binary is None
@@ -223,7 +223,7 @@ def _read_function(block: Block) -> _Function:
         motion=motion,
         x=x,
         values=complex_values,
-        quantity=_QUANTITIES.get(numerator),
+        quantity=QUANTITIES.get(numerator),
         labels=(label, under),
         block=block,
     )

@@ -13,25 +13,29 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import require
+from stiffscope.responses.blocks import ASCII_LINES
 from stiffscope.responses.model import DERIVATIVES
+from stiffscope.responses.uff import (
+    COHERENCE,
+    FREQUENCY,
+    FREQUENCY_RESPONSE,
+    QUANTITIES,
+)
+from stiffscope.responses.units import MOTIONS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from stiffscope.responses.model import Direction, Quantity, Response
+    from stiffscope.responses.model import Direction, Response
     from stiffscope.runtime.types import Array
 
-_FREQUENCY_RESPONSE, _COHERENCE = 4, 6
-_CODES: dict[Quantity, tuple[int, str]] = {
-    "receptance": (8, "m"),
-    "mobility": (11, "m/s"),
-    "accelerance": (12, "m/s^2"),
+_CODES = {
+    quantity: (code, MOTIONS[quantity][0]) for code, quantity in QUANTITIES.items()
 }
 _FORCE = 13, "N"
-_HERTZ = 18, "Hz"
+_HERTZ = FREQUENCY, "Hz"
 _NOTHING = 0, "NONE"
-_ASCII_LINES = 11
 _EVEN = 1e-6  # relative to the spacing, by which even lines may deviate
 _DIGITS = 1e-5  # of the numbers in a header
 
@@ -62,9 +66,9 @@ def write_uff(
     """
     blocks = [_units(), _nodes(points)]
     for response in responses:
-        blocks.append(_function(_FREQUENCY_RESPONSE, response, title))
+        blocks.append(_function(FREQUENCY_RESPONSE, response, title))
         if response.coherence is not None:
-            blocks.append(_function(_COHERENCE, response, title))
+            blocks.append(_function(COHERENCE, response, title))
     path.write_bytes(b"".join(blocks))
 
 
@@ -97,7 +101,7 @@ def _nodes(points: Mapping[str, Array]) -> bytes:
 
 def _function(kind: int, response: Response, title: str) -> bytes:
     """Return a dataset 58b: a response in its own quantity, or its coherence."""
-    is_response = kind == _FREQUENCY_RESPONSE
+    is_response = kind == FREQUENCY_RESPONSE
     hertz = response.frequency
     start, step = _find_spacing(hertz, response.source)
     if is_response:
@@ -111,7 +115,7 @@ def _function(kind: int, response: Response, title: str) -> bytes:
     ends = f"{_end(response.motion)}{_end(response.force)}"
     axes = (_HERTZ, *ordinate, _NOTHING)
     header = [
-        f"    58b{1:6d}{2:6d}{_ASCII_LINES:12d}{len(data):12d}{0:6d}{0:6d}{0:12d}{0:12d}",
+        f"    58b{1:6d}{2:6d}{ASCII_LINES:12d}{len(data):12d}{0:6d}{0:6d}{0:12d}{0:12d}",
         title[:80] or "NONE",
         *["NONE"] * 4,
         f"{kind:5d}{0:10d}{0:5d}{0:10d}{ends}",

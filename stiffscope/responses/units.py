@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 STANDARD_GRAVITY = 9.80665  # m/s², of a label "g" on an acceleration
 _GRAVITIES = {"g", "gn", "g's", "gs"}
-_MOTIONS: dict[Quantity, tuple[str, str]] = {
+MOTIONS: dict[Quantity, tuple[str, str]] = {
     "receptance": ("m", "rad"),
     "mobility": ("m/s", "rad/s"),
     "accelerance": ("m/s^2", "rad/s^2"),
@@ -53,7 +53,7 @@ def ordinate_factor(
     where
         File and line, for the remark.
     """
-    motion_unit = _MOTIONS[quantity][turns[0]]
+    motion_unit = MOTIONS[quantity][turns[0]]
     force_unit = _FORCES[turns[1]]
     whole = _read_label(labels[0], f"{motion_unit}/({force_unit})")
     if whole is not None:
@@ -95,7 +95,7 @@ def _read_label(label: str, unit: str) -> float | None:
 
 def read_unit(text: str, quantity: Quantity) -> float:
     """Return the SI value of a unit of a response. Raise InputError if it is none of the quantity."""
-    unit = f"{_MOTIONS[quantity][0]}/{_FORCES[0]}"
+    unit = f"{MOTIONS[quantity][0]}/{_FORCES[0]}"
     factor = _read_label(text, unit)
     if factor is None:
         raise InputError(

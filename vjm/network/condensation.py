@@ -297,7 +297,7 @@ def _carry_constants(order: Order, where: Places) -> Iterator[Stiffened]:
     connections = [c for c, _ in order.constant]
     turned = [where.rotation[c.anchor] for c in connections]
     moved = [where.position[c.anchor] for c in connections]
-    if not turned or n > FEW or any(len(wrench) != n for wrench in (*turned, *moved)):
+    if not turned or n > FEW or any(len(values) != n for values in (*turned, *moved)):
         for c, constant in order.constant:
             back = c.frame(where).inverse_adjoint()
             yield c, back.mT @ constant @ back

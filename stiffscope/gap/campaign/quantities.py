@@ -19,7 +19,7 @@ AXES = kinds.AXES
 WRENCH = ("fx", "fy", "fz", "mx", "my", "mz")
 JOINT = "q:"
 """Prefix of coordinates that are displacements of driven joints from home."""
-QUANTITIES = tuple(name.name for name in kinds.QUANTITY if name.name)
+QUANTITIES = tuple(quantity.name for quantity in kinds.QUANTITY if quantity.name)
 """Names of the quantities as in tables, in the order of their codes."""
 KINDS = tuple(kind.name for kind in kinds.KINDS)
 DEFLECTION = kinds.number_of(kinds.DEFLECTION)

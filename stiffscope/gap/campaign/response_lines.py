@@ -320,6 +320,6 @@ def place_at_responses(
     """Return a campaign without readings at the poses of its responses."""
     configurations = [measured.configuration for measured in responses]
     axes = configurations[0].mechanism.tool.commanded_axes
-    poses = np.array([line.tool[0, axes] for line in configurations])
+    poses = np.array([pose.tool[0, axes] for pose in configurations])
     names = tuple(measured.setup.name for measured in responses)
     return replace(campaign, poses=poses, pose_names=names)

@@ -106,7 +106,7 @@ class ElasticState:
     @property
     def _is_displaced(self) -> bool:
         """Whether geometric errors displace the unloaded robot."""
-        changes = (change for name in self.changes for change in name.values())
+        changes = (change for elements in self.changes for change in elements.values())
         return self.at.is_displaced or any(c.displaces or c.spring for c in changes)
 
     @cached_property

@@ -211,9 +211,9 @@ class JointPrediction:
                     into[name] = whole
         out = state.soften(softer, count) + state.stiffen(stiffer, count)
         loaded = [_find_payloads(step) for step in steps]
-        most = max((len(node) for node in loaded), default=0)
+        most = max((len(rates) for rates in loaded), default=0)
         for k in range(most):
-            one = [node[k] if k < len(node) else None for node in loaded]
+            one = [rates[k] if k < len(rates) else None for rates in loaded]
             out = out + state.load(one, count)
         measured = state.block.measured
         for point in measured.setup.points:

@@ -43,7 +43,7 @@ def find_misread(at: RobotAtPoses) -> Iterator[tuple[str, InputError]]:
     )
     for name in np.unique(names).tolist():
         part = Instruments(c.select(rows[names == name]))
-        targets = [sensor[read][names == name] for sensor in every]
+        targets = [values[read][names == name] for values in every]
         misfit = _misfit(part, targets, 1.0)
         if misfit < _LARGE * size:
             continue

@@ -74,7 +74,8 @@ def _mistaken(nominal: RobotReadings, swap: Swap, noise: Noise) -> list[str]:
             continue
         left = (c.value - nominal.plain_readings, c.value - swap(kind, other))
         now, then = (
-            float(np.sum((remark[rows] / noise.sigma[rows]) ** 2)) for remark in left
+            float(np.sum((residual[rows] / noise.sigma[rows]) ** 2))
+            for residual in left
         )
         if then < _OVERTAKES * now and now - then > _EVIDENT:
             better = f"fit far better as {meant}.., with all other motions {held}"

@@ -71,7 +71,11 @@ def predict_responses(
     InputError
         If a point moves freely without inertia.
     """
-    ends = [end for line in measured.responses for end in (line.force, line.motion)]
+    ends = [
+        end
+        for response in measured.responses
+        for end in (response.force, response.motion)
+    ]
     directions = list(dict.fromkeys(ends))
     ports = [
         Port(
@@ -97,8 +101,8 @@ def predict_responses(
     for alike in _group_by_lines(measured.responses):
         responses = [measured.responses[k] for k in alike]
         pairs = [
-            (directions.index(line.force), directions.index(line.motion))
-            for line in responses
+            (directions.index(response.force), directions.index(response.motion))
+            for response in responses
         ]
         hertz = responses[0].frequency
         values = superpose_modes(modal, pairs, hertz, damping, decay=measured.decay)

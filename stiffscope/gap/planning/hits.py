@@ -107,6 +107,8 @@ class HitProposal:
         Hits with their sensors.
     bands
         Lowest and highest frequency to measure at each posture, Hz.
+    averages
+        Hits behind each line.
     pairs
         Causes and how well they are distinguished, those of the question first.
     """
@@ -114,6 +116,7 @@ class HitProposal:
     points: dict[str, tuple[str, tuple[float, float, float]]]
     taps: tuple[Tap, ...]
     bands: dict[str, tuple[float, float]]
+    averages: int
     pairs: tuple[Answered, ...]
 
 
@@ -160,7 +163,7 @@ def propose_hits(
     asked = {*sides[0], *sides[1]}
     hidden = {id(pair): np.inf for pair in left if pair.log_odds < ENOUGH}
     answers = summarize(left, enough, asked, hidden)
-    return _describe(points, taken, answers)
+    return _describe(points, taken, answers, settings)
 
 
 def _place_points(nominal: NominalRobot, settings: HitSettings) -> list[MeasuredPoint]:
@@ -284,25 +287,8 @@ def _measure(
 def _open_model(
     nominal: NominalRobot, responses: tuple[MeasuredResponses, ...]
 ) -> JointModel:
-    codes = np.zeros(0, dtype=np.int64)
-    nothing = Campaign(
-        robot=nominal.robot.name,
-        modelled=None,
-        components=None,
-        pose_names=(),
-        poses=np.zeros((0, len(nominal.robot.tool.pose))),
-        pose=codes,
-        wrench=np.zeros((0, 6)),
-        quantity=codes,
-        value=np.zeros(0),
-        sigma=np.zeros(0),
-        session_names=(),
-        session=codes,
-        files=(),
-        file=codes,
-        line=codes,
-        coordinates=tuple(nominal.robot.tool.pose),
-    )
+    coordinates = tuple(nominal.robot.tool.pose)
+    nothing = Campaign.without_readings(nominal.robot.name, coordinates=coordinates)
     campaign = place_at_responses(nothing, responses)
     return JointModel(RobotModel(campaign, nominal), responses)
 
@@ -339,6 +325,7 @@ def _describe(
     points: Sequence[MeasuredPoint],
     taken: Sequence[MeasuredResponses],
     pairs: Sequence[Answered],
+    settings: HitSettings,
 ) -> HitProposal:
     used = {
         end.point for m in taken for r in m.responses for end in (r.force, r.motion)
@@ -351,12 +338,12 @@ def _describe(
         name = measured.setup.name
         taps.append(Tap(name, hit, tuple(ears)))
         lines = measured.responses[0].frequency
-        low = float(f"{SETTINGS.low * lines[0]:.2g}")
-        bands[name] = low, float(f"{SETTINGS.high * lines[-1]:.2g}")
+        low = float(f"{settings.low * lines[0]:.2g}")
+        bands[name] = low, float(f"{settings.high * lines[-1]:.2g}")
     places = {
         p.name: (p.body, p.at or (0.0, 0.0, 0.0)) for p in points if p.name in used
     }
-    return HitProposal(places, tuple(taps), bands, tuple(pairs))
+    return HitProposal(places, tuple(taps), bands, settings.averages, tuple(pairs))
 
 
 def write_hits(folder: Path, name: str, proposal: HitProposal) -> None:
@@ -378,7 +365,7 @@ def write_hits(folder: Path, name: str, proposal: HitProposal) -> None:
         setups[pose] = {
             "file": f"{pose}.uff",
             "pose": pose,
-            "averages": SETTINGS.averages,
+            "averages": proposal.averages,
             "band": [f"{hertz:g} Hz" for hertz in band],
             "points": {
                 point: {"body": body, "at": list(at)}

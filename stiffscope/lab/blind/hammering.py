@@ -231,11 +231,8 @@ def _choose_lines(lab: Lab, plan: HammerPlan, located: Located) -> Array:
     low, *_, high = plan.hertz
     lines: list[Array] = [np.geomspace(low, high, _BETWEEN)]
     for k in range(len(plan.poses)):
-        ringing = find_ringing(lab, (), k, located, plan)
-        heavy = ringing.mass > 0.0
-        square = ringing.stiffness[heavy].clip(min=0.0) / ringing.mass[heavy]
-        modes = np.sqrt(square) / (2.0 * np.pi)
-        inside = modes[(modes > low) & (modes < high)][: 2 * _MODES]
+        hertz = find_ringing(lab, (), k, located, plan).modes.hertz
+        inside = hertz[(hertz > low) & (hertz < high)][: 2 * _MODES]
         lines += [inside * (1.0 + width * _RATIO) for width in _WIDTHS]
     return np.unique(np.concatenate(lines))
 

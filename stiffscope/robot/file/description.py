@@ -80,7 +80,7 @@ class RobotFile:
 
     def carries(self, effect: str) -> bool:
         """Return whether the robot has adopted an effect of this kind."""
-        return any(word.effect == effect for word in self.effects)
+        return any(known.effect == effect for known in self.effects)
 
     def part(self, name: str) -> PartSection:
         """Return the section of a part."""
