@@ -24,6 +24,7 @@ _RESONANCE = 1.5  # damping ratios between two speeds, at most
 _MOST = 240
 _ZOOMS = 2
 _SPLITS = 4  # speeds in each
+_GUIDES = 8  # poses between those of a sweep whose limits are searched without guesses
 _STRIDE = 16  # speeds between those of a sweep that are always solved
 _SMOOTH = 1e-2  # misfit of ln(depth) from a cubic; cubics on both halves are far closer
 _TURN = 0.02  # the same of ln(depth) by its slope at the middle, over the interval
@@ -71,10 +72,8 @@ def sweep_limits(
         return limits_at(response, cut, speeds, method)
     scale = depth_scale(response, cut)
     knots = np.unique(np.append(np.arange(0, count, _STRIDE), count - 1))
-    pose = np.repeat(np.arange(len(response)), len(knots))
-    place = np.tile(knots, len(response))
     whole = _Sweep(response, cut, speeds, scale)
-    whole.solve(pose, place)
+    whole.solve_knots(knots)
     pose = np.repeat(np.arange(len(response)), len(knots) - 1)
     low = np.tile(knots[:-1], len(response))
     high = np.tile(knots[1:], len(response))
@@ -82,7 +81,7 @@ def sweep_limits(
         wide = high - low > 1
         pose, low, high = pose[wide], low[wide], high[wide]
         middle = (low + high) // 2
-        whole.solve(pose, middle, (low, high))
+        whole.solve(pose, middle, whole.guess_between(pose, middle, low, high))
         smooth = whole.is_smooth(pose, low, middle, high)
         whole.interpolate(pose[smooth], low[smooth], middle[smooth])
         whole.interpolate(pose[smooth], middle[smooth], high[smooth])
@@ -118,29 +117,49 @@ class _Sweep:
             by_speed=one.astype(complex),
         )
 
+    def solve_knots(self, knots: Indices) -> None:
+        """Compute the limits of all poses at some places: of some poses first, which guide others."""
+        known = np.unique(
+            np.append(np.arange(0, len(self.response), _GUIDES), len(self.response) - 1)
+        )
+        self.solve(np.repeat(known, len(knots)), np.tile(knots, len(known)))
+        while len(known) < len(self.response):
+            gaps = np.flatnonzero(np.diff(known) > 1)
+            low, high = known[gaps], known[gaps + 1]
+            middle = (low + high) // 2
+            place = np.tile(knots, len(middle))
+            ends = np.repeat(low, len(knots)), np.repeat(high, len(knots))
+            near = self._guess_beside(place, *ends)
+            self.solve(np.repeat(middle, len(knots)), place, near)
+            known = np.sort(np.concatenate([known, middle]))
+
     def solve(
-        self,
-        pose: Indices,
-        place: Indices,
-        between: tuple[Indices, Indices] | None = None,
+        self, pose: Indices, place: Indices, near: tuple[Array, Array] | None = None
     ) -> None:
-        """Compute the limits of some pairs of pose and speed, between places that are known."""
+        """Compute the limits of some pairs of pose and speed, which may lie near guesses."""
         if not len(pose):
             return
-        speeds = self.speeds[place]
-        near = None
-        if between is not None:
-            near = self._guess(pose, place, *between)
         some = interrupted_limits(
-            self.response[pose], self.cut, speeds, self.scale[pose], near
+            self.response[pose], self.cut, self.speeds[place], self.scale[pose], near
         )
         for field in fields(Limits):
             getattr(self.limits, field.name)[pose, place] = getattr(some, field.name)
 
-    def _guess(
+    def _guess_beside(
+        self, place: Indices, low: Indices, high: Indices
+    ) -> tuple[Array, Array]:
+        """Return depths and frequencies (n, 2) of two poses at a place, or those between them."""
+        depth = np.stack([self.limits.depth[end, place] for end in (low, high)], axis=1)
+        omega = np.stack([self.limits.omega[end, place] for end in (low, high)], axis=1)
+        alike = np.abs(omega[:, 1] / omega[:, 0] - 1.0) < _SAME_LOBE
+        depth[alike] = np.sqrt(depth.prod(axis=1, keepdims=True))[alike]
+        omega[alike] = omega.mean(axis=1, keepdims=True)[alike]
+        return depth, omega
+
+    def guess_between(
         self, pose: Indices, place: Indices, low: Indices, high: Indices
     ) -> tuple[Array, Array]:
-        """Return depths and frequencies (n, 2) that follow from both ends."""
+        """Return depths and frequencies (n, 2) of a pose that follow from two other places."""
         depth = list[np.ndarray]()
         omega = list[np.ndarray]()
         for end in (low, high):
