@@ -18,21 +18,25 @@ immersion milling, J. Manuf. Sci. Eng. 126, 2004 (all harmonics).
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields
 from functools import cache, cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from stiffscope.lobes.limits import Limits, join_limits
+from stiffscope.runtime.processors import processors
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from stiffscope.lobes.engagement import Engagement
     from stiffscope.lobes.response import ToolResponse
     from stiffscope.runtime.types import Array, Complex, Flags, Indices
+
+Result = TypeVar("Result")
 
 _LEAST_POINTS = 4  # of a panel, beyond those by which modes vibrate in it
 _PER_TURN = 3.0  # further points per vibration of the fastest mode that matters
@@ -284,13 +288,12 @@ class Turns:
         """Index (p,) of the first unstable depth, d if there is none."""
         return _find_first(self.unstable)
 
-    @property
-    def top(self) -> Array:
-        """Depth (p,) up to which instability is worth a search: the first that has any."""
+    def find_top(self, high: Array) -> Array:
+        """Return the first unstable depth (p,), or the highest if there is none."""
         first = self.first
         found = first < self.depth.shape[1]
         there = self.depth[np.arange(len(first)), np.where(found, first, 0)]
-        return np.where(found, there, _HIGH)
+        return np.where(found, there, high)
 
 
 def is_stable(
@@ -309,17 +312,30 @@ def is_stable(
 
 
 def interrupted_depths(
-    response: ToolResponse, cut: Engagement, speeds: Array, scale: Array
+    response: ToolResponse, cut: Engagement, speeds: Array, scale: Array, most: Array
 ) -> Array:
-    """Return only the depths (n,), m, of `interrupted_limits`, to about a hundredth."""
-    out = np.full(len(speeds), np.inf)
-    known = np.flatnonzero(np.isfinite(scale))
-    for alike in _group_alike(response[known], cut, speeds[known]):
-        some = known[alike]
+    """Return the depths (n,), m, of `interrupted_limits` to about a hundredth.
+
+    They are infinite where they exceed ``most`` (n,), m.
+    """
+
+    def search(some: Indices) -> Array:
         loop = _form_loop(response[some], cut, speeds[some])
         curve = _characteristic(loop, _angles(loop, response[some]), scale[some])
-        depth, _ = _search(loop, curve, scale[some], thorough=False)
-        out[some] = depth * scale[some]
+        high = np.minimum(most[some] / scale[some], _HIGH)
+        depth = np.full(len(some), np.inf)
+        asked = np.flatnonzero(curve.stable < high)
+        if asked.size:
+            depth[asked], _ = _search(
+                loop[asked], curve[asked], scale[some][asked], high[asked]
+            )
+        return depth * scale[some]
+
+    known = np.flatnonzero(np.isfinite(scale))
+    groups = [known[some] for some in _group_alike(response[known], cut, speeds[known])]
+    out = np.full(len(speeds), np.inf)
+    for some, depth in zip(groups, _in_threads(search, groups), strict=True):
+        out[some] = depth
     return out
 
 
@@ -349,15 +365,53 @@ def interrupted_limits(
         as those at neighbouring speeds. A limit there counts if all below it is stable; the whole
         range is searched otherwise.
     """
-    parts = list[Limits]()
-    order = list[np.ndarray]()
-    for some in _group_alike(response, cut, speeds):
-        hints = None if near is None else (near[0][some], near[1][some])
-        parts.append(
-            _find_limits(response[some], cut, speeds[some], scale[some], hints)
+
+    def settle(some: Indices) -> tuple[Array, Array]:
+        loop = _form_loop(response[some], cut, speeds[some])
+        depth, angle = _settle(loop, guesses[0][some], guesses[1][some])
+        possible = np.flatnonzero(np.isfinite(depth))
+        theta = _angles(loop, response[some])[possible]
+        certain = _is_least(loop[possible], theta, depth[possible], angle[possible])
+        depth[possible[~certain]] = np.inf
+        return depth, angle
+
+    def search(some: Indices) -> tuple[Array, Array]:
+        loop = _form_loop(response[some], cut, speeds[some])
+        size = scale[some]
+        curve = _characteristic(loop, _angles(loop, response[some]), size)
+        high = np.full(len(some), _HIGH)
+        depth, angle = _search(loop, curve, size, high, thorough=True)
+        return depth * size, angle
+
+    def describe(some: Indices) -> Limits:
+        return _describe_limits(
+            response[some], cut, speeds[some], depth[some], angle[some]
         )
-        order.append(some)
-    return join_limits(parts)[np.argsort(np.concatenate(order), kind="stable")]
+
+    depth = np.full(len(speeds), np.inf)
+    angle = np.ones(len(speeds))
+    guesses = near or (np.empty(0), np.empty(0))
+    rest = np.isfinite(scale)
+    for find in (settle, search) if near else (search,):
+        some = np.flatnonzero(rest)
+        groups = [
+            some[alike] for alike in _group_alike(response[some], cut, speeds[some])
+        ]
+        for alike, found in zip(groups, _in_threads(find, groups), strict=True):
+            depth[alike], angle[alike] = found
+        rest = np.isfinite(scale) & np.isinf(depth)
+    groups = list(_group_alike(response, cut, speeds))
+    parts = _in_threads(describe, groups)
+    order = np.argsort(np.concatenate(groups), kind="stable")
+    return join_limits(parts)[order]
+
+
+def _in_threads(
+    function: Callable[[Indices], Result], groups: Sequence[Indices]
+) -> list[Result]:
+    """Return a function's results for groups of pairs, worked out by all processors."""
+    with ThreadPoolExecutor(processors()) as pool:
+        return list(pool.map(function, groups))
 
 
 def _group_alike(
@@ -374,33 +428,14 @@ def _group_alike(
         start += len(some)
 
 
-def _find_limits(
-    response: ToolResponse,
-    cut: Engagement,
-    speeds: Array,
-    scale: Array,
-    near: tuple[Array, Array] | None,
+def _describe_limits(
+    response: ToolResponse, cut: Engagement, speeds: Array, depth: Array, angle: Array
 ) -> Limits:
+    """Return the limits at crossings (p,), m, and their angles, after their last polish."""
     loop = _form_loop(response, cut, speeds)
-    theta = _angles(loop, response)
-    known = np.isfinite(scale)
-    size = np.where(known, scale, 1.0)
-    depth = np.ones(len(speeds))
-    angle = np.ones(len(speeds))
-    certain = np.zeros(len(speeds), dtype=bool)
-    if near is not None:
-        guess, angle = _settle(loop, near)
-        some = np.flatnonzero(np.isfinite(guess))
-        certain[some] = _is_least(loop[some], theta[some], guess[some], angle[some])
-        size = np.where(certain, guess, size)
-    rest = np.flatnonzero(known & ~certain)
-    if rest.size:
-        part = loop[rest]
-        curve = _characteristic(part, theta[rest], size[rest])
-        depth[rest], angle[rest] = _search(part, curve, size[rest], thorough=True)
-    found = known & np.isfinite(depth)
+    found = np.isfinite(depth)
     value, angle, right, left = _polish(
-        loop, size, np.where(found, depth, 1.0), np.where(found, angle, 1.0)
+        loop, np.ones(len(depth)), np.where(found, depth, 1.0), angle
     )
     return _describe(
         loop,
@@ -413,16 +448,19 @@ def _find_limits(
     )
 
 
-def _settle(loop: Loop, near: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Return the least crossing (p,), m, next to the guesses, and its angle; infinite if none is."""
+def _settle(loop: Loop, near: Array, omega: Array) -> tuple[Array, Array]:
+    """Return the least crossing (p,), m, next to guesses (p, k), m, rad/s, and its angle.
+
+    It is infinite where there is none.
+    """
     pairs = np.arange(len(loop.delay))
-    depth = np.full((len(pairs), near[0].shape[1]), np.inf)
+    depth = np.full(near.shape, np.inf)
     angle = np.ones(depth.shape)
     one = np.ones(len(pairs))
     for k in range(depth.shape[1]):
-        start = near[0][:, k]
+        start = near[:, k]
         known = np.isfinite(start)
-        turns = np.mod(near[1][:, k] * loop.delay, 2.0 * np.pi)
+        turns = np.mod(omega[:, k] * loop.delay, 2.0 * np.pi)
         turns = np.where(turns > np.pi, 2.0 * np.pi - turns, turns)
         with np.errstate(invalid="ignore", over="ignore"):
             value, angle[:, k], *_ = _polish(
@@ -449,8 +487,12 @@ def _is_least(loop: Loop, theta: Array, depth: Array, angle: Array) -> Flags:
     above = np.full((len(below), 1), _ABOVE)
     tried = np.concatenate([below, above], axis=1)
     turns = _follow(curve, tried)
-    curve = curve.refine(loop, depth, turns.bend)
-    certain: Flags = _follow(curve, tried).first == _BELOW
+    certain: Flags = turns.first == _BELOW
+    # angles near the crossing are dense; others may be too few
+    steep = np.flatnonzero(certain & (turns.below >= _FLAT).any(axis=1))
+    if steep.size:
+        finer = curve[steep].refine(loop[steep], depth[steep], turns.below[steep])
+        certain[steep] = _follow(finer, tried[steep]).first == _BELOW
     return certain
 
 
@@ -632,50 +674,57 @@ def _angles(loop: Loop, response: ToolResponse) -> Array:
 
 
 def _search(
-    loop: Loop, curve: Curve, scale: Array, *, thorough: bool
+    loop: Loop, curve: Curve, scale: Array, high: Array, *, thorough: bool = False
 ) -> tuple[Array, Array]:
     """Return the least unstable depth (p,) over the scale, infinite if none, and its angle (p,).
 
-    Angles are added until the phase of the determinant turns little between any two, at all depths
-    up to the first unstable one. Then, in a thorough search, depths are tried more densely, as
-    islands of instability may lie below.
+    Depths up to the highest (p,) are searched. Angles are added until the phase of the determinant
+    turns little between any two, at all depths up to the first unstable one. Then, in a thorough
+    search, depths are tried more densely, as islands of instability may lie below.
     """
     depth = np.full(len(scale), np.inf)
     angle = np.ones(len(scale))
     active = np.arange(len(scale))
-    tried = _spread(curve.stable, np.full(len(scale), _HIGH), _APART)
+    tried = _spread(curve.stable, high, _APART)
     for left in reversed(range(_ROUNDS)):
         turns = _follow(curve, tried)
+        top = turns.find_top(high[active])
         settled = (turns.bend < _FLAT).all(axis=1) | (left == 0)
         if settled.any():
             some = active[settled]
-            depth[some], angle[some] = _locate(
-                loop[some], curve[settled], scale[some], turns[settled], thorough
-            )
+            part = curve[settled]
+            last = turns[settled]
+            if thorough:
+                part, last = _search_islands(
+                    loop[some], part, scale[some], top[settled]
+                )
+            depth[some], angle[some] = _locate(part, last)
         if settled.all():
             break
         rest = ~settled
         active = active[rest]
-        turns = turns[rest]
-        curve = curve[rest].refine(loop[active], scale[active], turns.bend)
-        tried = np.geomspace(
-            np.minimum(curve.stable, _HIGH), turns.top, _DEPTHS, axis=1
-        )
+        curve = curve[rest].refine(loop[active], scale[active], turns.bend[rest])
+        low = np.minimum(curve.stable, top[rest])
+        tried = np.geomspace(low, top[rest], _DEPTHS, axis=1)
     return depth, angle
 
 
-def _locate(
-    loop: Loop, curve: Curve, scale: Array, turns: Turns, thorough: bool
-) -> tuple[Array, Array]:
-    """Return the least unstable depth (p,), infinite if none, and the angle of its multiplier."""
-    if thorough:
-        tried = _spread(curve.stable, turns.top, _APART_LAST)
+def _search_islands(
+    loop: Loop, curve: Curve, scale: Array, top: Array
+) -> tuple[Curve, Turns]:
+    """Return how a curve turns at dense depths up to the highest (p,), with more angles if need be."""
+    tried = _spread(curve.stable, top, _APART_LAST)
+    turns = _follow(curve, tried)
+    if (turns.below >= _FLAT).any():
+        curve = curve.refine(loop, scale, turns.below)
         turns = _follow(curve, tried)
-        if (turns.below >= _FLAT).any():
-            curve = curve.refine(loop, scale, turns.below)
-            turns = _follow(curve, tried)
-    pairs = np.arange(len(scale))
+    return curve, turns
+
+
+def _locate(curve: Curve, turns: Turns) -> tuple[Array, Array]:
+    """Return the least unstable depth (p,), infinite if none, and the angle of its multiplier."""
     first = turns.first
+    pairs = np.arange(len(first))
     found = first < turns.depth.shape[1]
     high = turns.depth[pairs, np.where(found, first, -1)]
     low = turns.depth[pairs, np.maximum(first - 1, 0)]
@@ -722,11 +771,11 @@ def _follow_few(curve: Curve, depth: Array) -> Turns:
     negative real axis on its half, and one if the determinant at μ = -1 is negative.
     """
     real, imag = curve.at(depth)
+    imag[..., [0, -1]] = 0.0  # but for rounding
     # the product of each determinant and the conjugate of that before
     along = real[..., 1:] * real[..., :-1] + imag[..., 1:] * imag[..., :-1]
     across = imag[..., 1:] * real[..., :-1] - real[..., 1:] * imag[..., :-1]
     above = imag >= 0.0
-    above[..., [0, -1]] = True  # real there, but for rounding
     before = above[..., :-1]
     after = above[..., 1:]
     down = before & ~after & (across > 0.0)
@@ -764,22 +813,23 @@ def _characteristic(loop: Loop, theta: Array, scale: Array) -> Curve:
     powers = [matrix]
     while 2 * len(powers) < size:
         powers.append(powers[-1] @ matrix)
-    traces = [np.einsum("ptaa->pt", matrix)]
-    for k in range(2, size + 1):
+    traces = [np.einsum("ptaa->pt", power) for power in powers]
+    for k in range(len(powers) + 1, size + 1):
         half = k // 2
-        traces.append(
-            np.einsum("ptab,ptba->pt", powers[k - half - 1], powers[half - 1])
-        )
-    out = np.empty((len(theta), size + 1, theta.shape[1]), dtype=complex)
-    out[:, 0] = 1.0
+        product = np.einsum("ptab,ptba->pt", powers[k - half - 1], powers[half - 1])
+        traces.append(product)
+    out = np.empty((size + 1, *theta.shape), dtype=complex)
+    out[0] = 1.0
     for k in range(1, size + 1):
-        out[:, k] = -traces[k - 1]
+        out[k] = -traces[k - 1]
         for j in range(1, k):
-            out[:, k] -= out[:, k - j] * traces[j - 1]
-        out[:, k] /= k
+            out[k] -= out[k - j] * traces[j - 1]
+        out[k] /= k
     # no eigenvalue exceeds the k-th root of the norm of the k-th power
-    norm = np.linalg.norm(powers[-1], axis=(-2, -1))
-    return Curve(theta, out, norm ** (1.0 / len(powers)))
+    last = powers[-1].reshape(*theta.shape, -1).view(float)
+    square = np.einsum("pti,pti->pt", last, last)
+    coefficients = np.ascontiguousarray(out.swapaxes(0, 1))
+    return Curve(theta, coefficients, square ** (0.5 / len(powers)))
 
 
 def _expand(values: Complex) -> Complex:

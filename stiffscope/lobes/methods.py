@@ -22,6 +22,7 @@ Method = Literal["zero-order", "all-harmonics"]
 _A_LOBE = 6  # speeds for each lobe of the fastest mode, in the search for the worst
 _RESONANCE = 1.5  # damping ratios between two speeds, at most
 _MOST = 240
+_FIRST = 5  # speeds between those that are tried first
 _ZOOMS = 2
 _SPLITS = 4  # speeds in each
 _GUIDES = 8  # poses between those of a sweep whose limits are searched without guesses
@@ -274,23 +275,29 @@ def worst_limits(
     dense = 1.0 / (_RESONANCE * sharpest)
     dense = max(dense, _A_LOBE * fastest / (cut.teeth * ends[0]))
     count = int(np.clip(dense * np.log(ends[1] / ends[0]), 8, _MOST))
-    speeds = np.broadcast_to(np.geomspace(*ends, count), (n, count))
-    worst = _find_worst(response, cut, speeds, scale)
-    share = np.linspace(0.0, 1.0, _SPLITS + 2)[1:-1]
+    speeds = np.geomspace(*ends, count)
+    apart = speeds[1] / speeds[0]
+    speed = np.full(n, ends[0])
+    depth = np.full(n, np.inf)
+
+    def look(tried: Array) -> None:
+        """Take over the speeds (n, s) that are worse than those before."""
+        flat = tried.ravel()
+        most = np.repeat(depth, tried.shape[1])
+        pose = np.repeat(poses, tried.shape[1])
+        found = interrupted_depths(response[pose], cut, flat, scale[pose], most)
+        found = found.reshape(tried.shape)
+        least = found.argmin(axis=1)
+        worse = found[poses, least] < depth
+        depth[worse] = found[poses, least][worse]
+        speed[worse] = tried[poses, least][worse]
+
+    # what is known of some speeds spares a search of all depths at the others
+    coarse = np.arange(0, count, _FIRST)
+    for some in (coarse, np.setdiff1d(np.arange(count), coarse)):
+        look(np.broadcast_to(speeds[some], (n, len(some))))
     for _ in range(_ZOOMS):
-        here = speeds[poses, worst]
-        low = speeds[poses, np.maximum(worst - 1, 0)]
-        high = speeds[poses, np.minimum(worst + 1, speeds.shape[1] - 1)]
-        finer = low[:, None] + (high - low)[:, None] * share
-        speeds = np.sort(np.concatenate([here[:, None], finer], axis=1), axis=1)
-        worst = _find_worst(response, cut, speeds, scale)
-    return interrupted_limits(response, cut, speeds[poses, worst], scale)
-
-
-def _find_worst(
-    response: ToolResponse, cut: Engagement, speeds: Array, scale: Array
-) -> Indices:
-    """Return the index (n,) of the speed with the least depth among those (n, s) of each pose."""
-    pose = np.repeat(np.arange(len(response)), speeds.shape[1])
-    depth = interrupted_depths(response[pose], cut, speeds.ravel(), scale[pose])
-    return depth.reshape(speeds.shape).argmin(axis=1)
+        step = apart ** np.linspace(-1.0, 1.0, _SPLITS + 2)[1:-1]
+        look((speed[:, None] * step).clip(*ends))
+        apart **= 2.0 / (_SPLITS + 1)
+    return interrupted_limits(response, cut, speed, scale)
