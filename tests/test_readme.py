@@ -199,11 +199,8 @@ def _run(line, tmp_path, monkeypatch, capsys):
     for option, file in itertools.pairwise(words):
         if option == "--out":
             assert _list_clone() == outside
-            written = (
-                "readings.csv"
-                if name == "campaign" and words[0] == "new"
-                else "manifest.json"
-            )
+            planned = name == "campaign" and words[0] == "new"
+            written = "campaign.toml" if planned else "manifest.json"
             kept = Path(file) if Path(file).suffix else Path(file) / written
             assert kept.stat().st_size > 0
             if kept.name == "manifest.json" and name != "export":

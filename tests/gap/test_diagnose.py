@@ -411,7 +411,7 @@ def test_a_group_that_is_certain_is_identified_with_a_measurement_that_separates
     assert data["next_measurement"]["expected_gain"] > 1.0
 
 
-@pytest.mark.extended
+@pytest.mark.long
 def test_what_would_widen_the_gap_is_not_named(tmp_path):
     """A soft drive under an unknown cause as large: sets that follow details of it are far from the readings."""
     rng = np.random.default_rng(12)

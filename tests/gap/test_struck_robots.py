@@ -297,7 +297,7 @@ def test_an_accelerometer_is_no_softer_robot(stewart, rng):
     assert effect.parameters["mass"].value == pytest.approx(0.06, rel=0.03)
 
 
-@pytest.mark.extended
+@pytest.mark.long
 def test_a_hose_gets_no_false_name(stewart, rng):
     hose = np.array([0.1, 0.1, 0.35]), np.diag([3e6, 1e6, 5e6, 0.0, 0.0, 0.0])
     found = diagnose_struck(stewart, rng, stewart[1], spring=hose)
