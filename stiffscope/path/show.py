@@ -295,10 +295,13 @@ def _draw_map(state: Along) -> Figure:
 def _draw_error(state: Along, after: Compensated | None) -> Figure:
     evenly = pick_evenly(len(state.path), _MOST_DRAWN)
     length = 1e3 * state.length[evenly]
-    count, height = (2, 5.2) if after is None else (3, 6.6)
-    drawn = new_figure(
-        8.0, height, f"{state.job.robot.name}: error of the tool over length"
-    )
+    title = f"{state.job.robot.name}: error of the tool over length"
+    left = None if after is None else after.after.size[evenly]
+    if left is not None and (left < _UNRESOLVED).all():
+        left = None
+        title += "; compensated: below 1 nm"
+    count, height = (2, 5.2) if left is None else (3, 6.6)
+    drawn = new_figure(8.0, height, title)
     rows = drawn.subplots(count, 1, sharex=True)
     low, high = (1e3 * (state.size + sign * state.bound)[evenly] for sign in (-1, 1))
     rows[0].fill_between(length, low, high, color=BEFORE, alpha=0.2, lw=0)
@@ -314,8 +317,8 @@ def _draw_error(state: Along, after: Compensated | None) -> Figure:
         )
     rows[1].set_ylabel("component (mm)")
     rows[1].legend(frameon=False, ncol=3, loc="lower right", bbox_to_anchor=(1.0, 0.97))
-    if after is not None:
-        left = np.maximum(after.after.size[evenly], 1e-15)
+    if left is not None:
+        left = np.maximum(left, _UNRESOLVED)
         rows[2].semilogy(length, 1e3 * left, color=AFTER, lw=1.2)
         rows[2].set_ylabel("compensated (mm)")
     rows[-1].set_xlabel("length along the path (mm)")
