@@ -207,6 +207,7 @@ class Payload:
 
     A constant ``force`` (3,), N, base axes, pulls at the same point, such as that of a cable.
     The weight of a mass ``carried``, kg, is taken off, as by a spring; its inertia stays.
+    ``inertia`` (3, 3), kg·m², is that about its own centre, home axes; zero of a point mass.
     """
 
     body: str
@@ -215,6 +216,7 @@ class Payload:
     moments: Array
     force: Array = field(default_factory=lambda: np.zeros(3))
     carried: float = 0.0
+    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
 
 class Knee(NamedTuple):

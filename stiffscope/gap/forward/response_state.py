@@ -237,11 +237,11 @@ class MassRate:
 
 
 def _find_inertia(payload: Payload) -> Array:
-    """Return the inertia (3, 3) of a payload about its point: ``(|h|² 1 - h hᵀ) / m``."""
+    """Return the inertia (3, 3) of a payload about its point: ``J + (|h|² 1 - h hᵀ) / m``."""
     h = payload.moments
     if not payload.mass:
-        return np.zeros((3, 3))
-    return (h @ h * np.eye(3) - np.outer(h, h)) / payload.mass
+        return payload.inertia
+    return payload.inertia + (h @ h * np.eye(3) - np.outer(h, h)) / payload.mass
 
 
 @dataclass(frozen=True, eq=False)
