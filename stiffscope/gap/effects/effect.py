@@ -309,6 +309,8 @@ class Influence:
     """Pairs of exchanged columns."""
     sensor_masses: Mapping[str, float] = field(default_factory=dict[str, float])
     """Further mass, kg, of what is screwed to points of responses, by point."""
+    response_gains: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Relative excess of measured motions over the true ones, by channel of responses."""
 
 
 @dataclass(frozen=True)
@@ -339,6 +341,8 @@ class Setting:
     """Largest force or torque that the applied loads exert on each drive, N or N·m."""
     points: Mapping[str, bool] = field(default_factory=dict[str, bool])
     """Whether the mass of the sensor at a point of responses is stated, by point."""
+    channels: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Point of each channel of responses: a direction in which motion is measured."""
 
     @property
     def shows_inertia(self) -> bool:
