@@ -272,8 +272,9 @@ def _plan_hits(
     given: Path | None = None,
 ) -> None:
     """Write and show a planned hammer test, with the hits and channels of a campaign alone if given."""
+    stated = None if given is None else load_header(given).components
     with open_workshop(output) as shop:
-        made = assemble_robots({"nominal": robot}, "beam", shop)["nominal"]
+        made = assemble_robots({"nominal": robot}, stated or "beam", shop)["nominal"]
     own: tuple[MeasuredResponses, ...] = ()
     if given is not None:
         tests = load_campaign(given, robot, planned=True)

@@ -137,7 +137,10 @@ def show_plan(proposal: Proposal, names: Sequence[str]) -> None:
 
 
 def _show_causes(pairs: Sequence[Answered]) -> None:
-    """Print, of each cause, whether it shows, and of how many others it is told apart."""
+    """Print, of each cause, whether it shows, and of how many others it is told apart.
+
+    Of several parameters, it takes one that is told; those that do not show at all are listed.
+    """
     by_cause: dict[str, list[Answered]] = {}
     for pair in pairs:
         by_cause.setdefault(pair.first, []).append(pair)
@@ -146,16 +149,18 @@ def _show_causes(pairs: Sequence[Answered]) -> None:
     silent: list[str] = []
     for cause, own in by_cause.items():
         others = [pair for pair in own if pair.second != NONE]
-        alike = [pair.second for pair in others if pair.hidden]
-        if any(pair.hidden for pair in own if pair.second == NONE):
+        alike = [pair.second for pair in others if pair.hidden and not pair.log_odds]
+        from_none = [pair for pair in own if pair.second == NONE]
+        if any(pair.hidden and not pair.log_odds for pair in from_none):
             silent.append(cause)
             continue
+        hidden = ", ".join(name for pair in from_none for name in pair.hidden)
         if not alike:
             alone.append(cause)
         told = f"{len(others) - len(alike)} of {len(others)}"
         listed = ", ".join(alike[:_ALIKE]) + (", …" if len(alike) > _ALIKE else "")
-        rows.append([cause, told, listed])
-    columns = (("cause",), ("told from", "not from"))
+        rows.append([cause, told, listed, hidden])
+    columns = (("cause",), ("told from", "not from", "not shown of it"))
     show_table("What shows", columns, rows, prose=("cause", "not from"))
     show_line(
         f"Of {say_count(len(by_cause), 'cause')}, {len(alone)} can be told from all others; "
