@@ -41,6 +41,7 @@ COHERENCE = 6
 QUANTITIES: dict[int, Quantity] = {8: "receptance", 11: "mobility", 12: "accelerance"}
 FREQUENCY = 18
 _EXPONENT = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)|(?<=\d)(?=[+-]\d{3}$)")
+_RECORD = 6  # most numbers of a record of values
 _KNOWN = {15, 55, 58, 82, 151, 164, 2411}
 _NORMAL, _COMPLEX_FIRST, _COMPLEX_SECOND = 2, 3, 7  # analyses of dataset 55
 
@@ -203,6 +204,13 @@ def _read_function(block: Block) -> _Function:
         got = f"{len(values) // width}, as the dataset is cut off"
         where = f"{block.name}:{block.line + 11}: dataset {block.number}"
         raise InputError(f"{where}: expected {count} values, got {got}")
+    # some programs fill the last record with zeros
+    require(
+        len(values) - width * count < _RECORD,
+        f"{block.name}:{block.line + 6}: dataset {block.number}",
+        f"as many values as follow, {len(values) // width}",
+        count,
+    )
     table = values[: width * count].reshape(count, width)
     x = table[:, 0] if spacing == 0 else start + increment * np.arange(count)
     ordinates = table[:, 1:] if spacing == 0 else table

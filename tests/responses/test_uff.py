@@ -222,6 +222,7 @@ SOUND = function(EVEN, VALUES, ord_data_type=5)
         (lambda t: FIRST.sub(b"\n" + b"NaN".rjust(13), t, 1), "expected finite values"),
         (lambda t: LAST.sub(b"\n", t, 1), "expected numbers up to the ends"),
         (lambda t: MIDDLE.sub(rb"\1\n", t, 1), "expected numbers up to the ends"),
+        (lambda t: t.replace(b"        37 ", b"        30 ", 1), "as many values as"),
         (lambda _: b"nothing of this kind", "expected datasets between lines of -1"),
     ],
 )
