@@ -26,6 +26,7 @@ extensions = [
     "file_reference",
     "json_answers",
     "known_answers",
+    "measured_machines",
 ]
 myst_enable_extensions = ["dollarmath", "amsmath", "deflist"]
 myst_heading_anchors = 3

@@ -15,9 +15,10 @@ from stiffscope.report.figures import AFTER, BEFORE, new_figure, save_figures
 from stiffscope.report.pictures import draw, optional_pictures
 from stiffscope.report.run_report import AT_M, ENERGY
 from stiffscope.report.terminal import show_facts, show_line, show_table
+from stiffscope.runtime.formats import round_off
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
     from pathlib import Path
 
     from matplotlib.figure import Figure
@@ -31,23 +32,30 @@ if TYPE_CHECKING:
 
 _STRESS = ("body", "part", "material", "von_mises", "at", "factor")
 _TWIST = ("dx", "dy", "dz", "drx", "dry", "drz")
+_PARTS = ("normal", "along", "binormal")
+_UNRESOLVED = 1e-9  # m, rad: a compensation that leaves less is told as that
 _MOST_DRAWN = 4000
 _MOST_TOLD = 12
 
 
 def path_columns(state: Along) -> dict[str, np.ndarray]:
     """Return columns (n,) of `path.csv`, SI: length, time, pose, tool error, bound, drive loads."""
-    columns = {"s": state.length}
+    columns: dict[str, np.ndarray] = {}
+
+    def add(names: Iterable[str], values: Iterable[np.ndarray]) -> None:
+        columns.update(zip(names, round_off(*values), strict=True))
+
+    add(["s"], [state.length])
     if state.time is not None:
-        columns["t"] = state.time
-    columns |= {
-        name: state.path.values[:, k] for k, name in enumerate(state.path.columns)
-    }
-    columns |= dict(state.path.free)
-    columns |= {name: state.error[:, k] for k, name in enumerate(_TWIST)}
-    columns |= {name: state.parts[name] for name in ("normal", "along", "binormal")}
-    columns["error"] = state.bound
-    return columns | {name: state.forces[:, k] for k, name in enumerate(state.drives)}
+        add(["t"], [state.time])
+    add(state.path.columns, state.path.values.T)
+    for name, values in state.path.free.items():
+        add([name], [values])
+    add(_TWIST, state.error.T)
+    add(_PARTS, [state.parts[name] for name in _PARTS])
+    add(["error"], [state.bound])
+    add(state.drives, state.forces.T)
+    return columns
 
 
 def path_json(
@@ -197,10 +205,13 @@ def show_path(
 def _show_compensation(state: Along, after: Compensated) -> None:
     left = zip(state.job.robot.tool.pose, np.abs(after.left).max(axis=0), strict=True)
     worst = ", ".join(
-        f"{name} {most:.2g} {'m' if name in 'xyz' else 'rad'}" for name, most in left
+        f"{name} {most:.2g} {'m' if name in 'xyz' else 'rad'}"
+        for name, most in left
+        if most >= _UNRESOLVED
     )
+    worst = f"at most {worst}" if worst else "less than 1 nm and 1 nrad"
     show_line(
-        f"Compensated: the error of {_mm(_rms(state.size))} rms falls to at most {worst}."
+        f"Compensated: the error of {_mm(_rms(state.size))} rms falls to {worst}."
     )
     for line, why in after.refused[:_MOST_TOLD]:
         show_line(f"  line {line} keeps its command: {why}")
@@ -284,10 +295,13 @@ def _draw_map(state: Along) -> Figure:
 def _draw_error(state: Along, after: Compensated | None) -> Figure:
     evenly = pick_evenly(len(state.path), _MOST_DRAWN)
     length = 1e3 * state.length[evenly]
-    count, height = (2, 5.2) if after is None else (3, 6.6)
-    drawn = new_figure(
-        8.0, height, f"{state.job.robot.name}: error of the tool over length"
-    )
+    title = f"{state.job.robot.name}: error of the tool over length"
+    left = None if after is None else after.after.size[evenly]
+    if left is not None and (left < _UNRESOLVED).all():
+        left = None
+        title += "; compensated: below 1 nm"
+    count, height = (2, 5.2) if left is None else (3, 6.6)
+    drawn = new_figure(8.0, height, title)
     rows = drawn.subplots(count, 1, sharex=True)
     low, high = (1e3 * (state.size + sign * state.bound)[evenly] for sign in (-1, 1))
     rows[0].fill_between(length, low, high, color=BEFORE, alpha=0.2, lw=0)
@@ -303,8 +317,8 @@ def _draw_error(state: Along, after: Compensated | None) -> Figure:
         )
     rows[1].set_ylabel("component (mm)")
     rows[1].legend(frameon=False, ncol=3, loc="lower right", bbox_to_anchor=(1.0, 0.97))
-    if after is not None:
-        left = np.maximum(after.after.size[evenly], 1e-15)
+    if left is not None:
+        left = np.maximum(left, _UNRESOLVED)
         rows[2].semilogy(length, 1e3 * left, color=AFTER, lw=1.2)
         rows[2].set_ylabel("compensated (mm)")
     rows[-1].set_xlabel("length along the path (mm)")

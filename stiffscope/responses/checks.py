@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.ndimage import median_filter
-from scipy.signal import find_peaks
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -101,6 +100,8 @@ def find_resonances(response: Response, settings: CheckSettings = SETTINGS) -> I
 
     A resonance is a maximum of the receptance's magnitude that is more than noise.
     """
+    from scipy.signal import find_peaks  # brings scipy.stats: a second of every command
+
     levels = np.log(np.maximum(fill_noise(response, settings), 1e-300))
     height = np.log(settings.prominence)
     peaks, about = find_peaks(levels, prominence=height)

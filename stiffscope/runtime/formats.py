@@ -55,6 +55,24 @@ def to_dataframe(columns: Columns) -> pd.DataFrame:
     return pa.table(dict(columns)).to_pandas()
 
 
+RESOLVED = (
+    12  # decimal digits of the greatest number of a quantity; beyond is rounding noise
+)
+
+
+def round_off(*columns: Any, digits: int = RESOLVED) -> list[Any]:
+    """Round columns (n,) of one quantity to so many digits of the greatest number of all of them.
+
+    What is zero but for rounding becomes 0, and 0.017999999999999988 becomes 0.018.
+    """
+    sizes = (np.abs(each[np.isfinite(each)]).max(initial=0.0) for each in columns)
+    most = max(sizes, default=0.0)
+    if most < np.finfo(float).tiny * 10.0**digits:  # NumPy scales by 10^places
+        return list(columns)
+    places = digits - 1 - int(np.floor(np.log10(most)))
+    return [np.round(each, places) + 0.0 for each in columns]  # a table has no -0
+
+
 TABLE_FORMATS = {".csv": _write_csv, ".parquet": _write_parquet}
 """By the suffix of its files, the function of each format that writes columns to a path, with so
 many significant digits, or all if None."""

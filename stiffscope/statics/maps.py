@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from stiffscope.errors import InputError, require, require_given
-from stiffscope.runtime.formats import write_netcdf, write_table
+from stiffscope.runtime.formats import round_off, write_netcdf, write_table
 from stiffscope.vjm.kinematics.configurations import configure, find_still
 from stiffscope.vjm.model.mechanism import COORDINATES, DIAGONAL
 from stiffscope.vjm.statics.analysis import analyse
@@ -370,10 +370,11 @@ def list_quantities(stiffness_map: StiffnessMap) -> list[Quantity]:
             f"1/C_ii at M {with_weight}, a push with all other directions free, {axis}"
         )
         out.append(Quantity(*names, stiffness_map.push[..., k], _FORCES[k], words))
+    sag = round_off(*np.moveaxis(stiffness_map.sag, -1, 0))
     for k, axis in enumerate(COORDINATES):
         names = (f"sag_{axis}", f"sag_{axis}", "sag")
         words = f"twist of the tool under the robot's own weight, {axis}"
-        out.append(Quantity(*names, stiffness_map.sag[..., k], _LENGTHS[k], words))
+        out.append(Quantity(*names, sag[k], _LENGTHS[k], words))
     sounds = (
         np.zeros((0, 0, 0))
         if stiffness_map.frequencies is None

@@ -15,6 +15,7 @@ from stiffscope.cli.poses import find_poses
 from stiffscope.errors import naming, require
 from stiffscope.experiments.assembly import name_robot
 from stiffscope.experiments.manifest import manifest_of
+from stiffscope.report.progress import progress
 from stiffscope.report.run_report import write_modes_report
 from stiffscope.report.tables import show_modes
 from stiffscope.robot.file import quantities as q
@@ -29,6 +30,8 @@ from stiffscope.vjm.vibration.modes import frequencies
 from stiffscope.vjm.vibration.modes import modes as find_modes
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
     from stiffscope.cli.output import Output
     from stiffscope.vjm.model.mechanism import Mechanism
 
@@ -55,7 +58,8 @@ drives = click.option(
     "--count", 6, "How many modes, with free motions of tool or drives (0 Hz).", 1, 200
 )
 @options.folder(
-    "--out", "report, pictures and animations of the shapes, complete or absent."
+    "--out",
+    "report and pictures of the shapes, animations at the first pose, complete or absent.",
 )
 def modes(
     name: str,
@@ -82,13 +86,20 @@ def modes(
         vibration_modes = find_modes(
             assembled.mechanism, asked.configurations, count, drives=drives
         )
+
+    def fill(folder: Path) -> None:
+        with progress(quiet=output.quiet) as open_line:
+            draw_modes(
+                assembled, asked.names, vibration_modes, folder, open_line("shapes")
+            )
+
     title = f"Natural frequencies, drives {drives}"
     emit(
         output,
         modes_json(vibration_modes),
         lambda: show_modes(asked.names, vibration_modes, title),
         manifest=manifest,
-        fill=lambda folder: draw_modes(assembled, asked.names, vibration_modes, folder),
+        fill=fill,
         page=lambda report: write_modes_report(
             report, assembled, asked.names, vibration_modes
         ),

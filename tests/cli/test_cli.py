@@ -62,6 +62,18 @@ def test_help_loads_nothing_heavy():
     assert done.stdout.splitlines()[-1] == "set()"
 
 
+@pytest.mark.parametrize("command", ["live", "gap", "path", "statics.command.run"])
+def test_a_command_starts_without_what_only_its_work_needs(command):
+    """A page of live stands sooner by the seconds that these take to load."""
+    late = ["scipy.signal", "scipy.stats", "OCP", "pyvista", "optuna"]
+    module = f"stiffscope.{command}" + ".command" * ("." not in command)
+    code = f"import sys, {module}; print(*set(sys.argv) & set(sys.modules))"
+    done = subprocess.run(
+        [sys.executable, "-c", code, *late], capture_output=True, text=True, check=True
+    )
+    assert done.stdout.split() == []
+
+
 def test_version():
     assert stiffscope("--version").stdout.startswith("stiffscope ")
 

@@ -20,7 +20,7 @@ from stiffscope.path.along import along, compensate, respond_at_worst
 from stiffscope.path.course import find_axes
 from stiffscope.path.cutting import mill
 from stiffscope.path.job import Motion, load_job
-from stiffscope.path.show import write_stress
+from stiffscope.path.show import path_columns, show_path, write_stress
 from stiffscope.path.stress import find_stresses
 from stiffscope.report.robot_view import read_cases
 from stiffscope.runtime.workshop import workshop
@@ -224,6 +224,17 @@ def test_the_compensated_commands_bring_the_tool_where_it_should_be(tmp_path):
     table = np.loadtxt(tmp_path / "compensated.csv", delimiter=",", skiprows=1)
     reached = table * [1e-3, 1e-3, np.pi / 180]
     np.testing.assert_allclose(reached, after.path.values, rtol=1e-12)
+
+
+def test_a_path_tells_numbers_and_no_rounding_noise(tmp_path, capsys):
+    _line_table(tmp_path)
+    job, made = _job(tmp_path, "line.csv", units=UNITS)
+    before = along(job, made)
+    show_path(before, compensate(made, before), ())
+    assert "falls to less than 1 nm and 1 nrad" in capsys.readouterr().out
+    columns = path_columns(before)
+    twist = np.abs(np.stack([columns[name] for name in ("dx", "dy", "dz")]))
+    assert not ((twist > 0.0) & (twist < 1e-12 * twist.max())).any()
 
 
 @pytest.mark.parametrize("name", ["linear-delta", "braced-gantry"])

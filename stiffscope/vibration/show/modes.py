@@ -11,6 +11,7 @@ from stiffscope.report.pictures import draw, optional_pictures
 from stiffscope.report.robot_scene import place_robot, scene_of
 from stiffscope.report.robot_view import mode_cases
 from stiffscope.report.run_report import ENERGY, GEOMETRY
+from stiffscope.runtime.progress import silence
 from stiffscope.vjm.model.screws import CONVENTION
 from stiffscope.vjm.network.network import END, FOOT
 
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from stiffscope.experiments.assembly import Assembled
+    from stiffscope.runtime.types import Progress
     from stiffscope.vjm.vibration.modes import Modes
 
 _STEPS = 16  # frames per period
@@ -47,7 +49,11 @@ def modes_json(vibration_modes: Modes) -> dict[str, Any]:
 
 
 def draw_modes(
-    assembled: Assembled, names: Sequence[str], vibration_modes: Modes, folder: Path
+    assembled: Assembled,
+    names: Sequence[str],
+    vibration_modes: Modes,
+    folder: Path,
+    progress: Progress = silence,
 ) -> None:
     """Draw each mode at each pose, coloured by energy: ``mode_POSE_NUMBER.png``.
 
@@ -60,6 +66,8 @@ def draw_modes(
         Robot with its parts' matrices, and folder to write to.
     names, vibration_modes
         Names (n,) of the poses, and modes there.
+    progress
+        Told of the share of pictures drawn.
     """
     steps = np.arange(-_STEPS // 4, _STEPS // 4 + 1)
     sines = np.sin(0.5 * np.pi * steps / (_STEPS // 4))
@@ -94,13 +102,13 @@ def draw_modes(
     )
     jobs = [each[k : k + _TOGETHER] for each, k in starts]
     common: dict[str, Any] = {**scene_of(assembled), "scale": ENERGY}
-    with ThreadPoolExecutor(2) as pool:
+    with ThreadPoolExecutor(2) as pool, optional_pictures():
         drawn = []
         for job in jobs:
             solids = {"geometry": GEOMETRY} if job is jobs[0] else {}
             drawn.append(
                 pool.submit(draw, "robot", folder, pictures=job, **common, **solids)
             )
-    with optional_pictures():
-        for each in drawn:
+        for k, each in enumerate(drawn):
             each.result()
+            progress("drawing", (k + 1) / len(drawn))
