@@ -63,13 +63,11 @@ def _draw_drives(axes: Axes) -> None:
 
 
 def _draw_beam(axes: Axes) -> None:
-    axes.barh(range(len(BEAM)), list(BEAM.values()), color=AFTER)
+    bars = axes.barh(range(len(BEAM)), list(BEAM.values()), color=AFTER)
+    axes.bar_label(bars, padding=3)
     axes.set_yticks(range(len(BEAM)), list(BEAM))
-    axes.set(
-        xlabel="left of the first frequency, %",
-        title="A beam: the roller",
-        xscale="log",
-    )
+    axes.set(xlabel="left of the first frequency, %", title="A beam: the roller")
+    axes.margins(x=0.15)
     axes.invert_yaxis()
 
 

@@ -1,5 +1,6 @@
 """Reports in a browser: the robot turns and bends, nothing is asked of the network, none is kept out."""
 
+import re
 import time
 from pathlib import Path
 
@@ -267,6 +268,41 @@ def test_the_part_under_the_pointer_is_named(tab, report):
     }
     assert {"limb1.link2", "limb2.link1"} & shares.keys()
     assert all(0.0 <= share <= 100.0 for share in shares.values())
+
+
+@needs_chromium
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_every_series_of_a_chart_is_seen_on_its_page(tab, tmp_path, scheme):
+    """A dark series on a dark page has a contrast of 4.5; on a light page colours are those of the figures."""
+    columns = {"mass": [1.0, 2.0], "stiffness": [3.0, 4.0]}
+    colours = ["#4a555f", "#2f7d6b", "#101010"]
+    series = [Series(each, each, columns) for each in colours]
+    chart = Chart(series, ["mass"], ["stiffness"], "All.", joined=True)
+    file = tmp_path / "chart.html"
+    page.write_page(file, "T", [], [Section("Designs", charts=[chart])])
+    tab.open(file, **{"prefers-color-scheme": scheme})
+    tab.wait("document.querySelector('.chart [data-is=plot]').clientHeight > 300")
+    drawn = tab.run(
+        "Bokeh.documents.flatMap(d => [...d._all_models.values()])"
+        ".filter(m => m.type === 'Line').map(m => m.line_color.value || m.line_color)"
+    )
+    shown = {each for each in drawn if str(each).startswith("rgb")}
+    wanted = [tuple(bytes.fromhex(each[1:])) for each in colours]
+    found = [tuple(map(int, re.findall(r"\d+", each))) for each in shown]
+    if scheme == "light":
+        assert set(found) >= set(wanted)
+        return
+
+    def luminance(colour):
+        linear = [
+            v / 12.92 if v <= 0.04045 else ((v + 0.055) / 1.055) ** 2.4
+            for v in (each / 255 for each in colour)
+        ]
+        return 0.05 + np.dot(linear, [0.2126, 0.7152, 0.0722])
+
+    ground = luminance(bytes.fromhex("171b1f"))
+    assert len(found) == 3
+    assert min(luminance(each) for each in found) >= 4.4 * ground
 
 
 @needs_chromium
