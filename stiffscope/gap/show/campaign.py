@@ -177,6 +177,9 @@ def _show_answers(pairs: Sequence[Answered]) -> None:
     )
     _show_pairs("The question: expected ln-odds if the first is true", asked)
     _show_pairs("Against other causes: the smallest", others)
+    for pair in [p for p in asked if p.hidden][:_PAIRS]:
+        cure = _cure(pair)
+        show_line(f"Not resolved: {pair.first} from {pair.second} ({cure})", "bold")
 
 
 def _show_pairs(title: str, pairs: Sequence[Answered]) -> None:
