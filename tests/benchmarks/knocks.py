@@ -133,11 +133,16 @@ def plant(cause, machine, pose, rng):
         elif part == "mass":
             factor = float(rng.choice([0.7, 1.3]))
             own = replace(
-                heavy, mass=factor * heavy.mass, inertia=factor * heavy.inertia
+                heavy,
+                mass=factor * heavy.mass,
+                inertia=factor * heavy.inertia,
+                moving=factor * heavy.moving,
             )
             changed = changed.change({heavy.name: own})
             names = [f"mass @ {heavy.name}"]
-            if not heavy.inertia.any():  # as a point mass at its centre is
+            if (
+                len(heavy.nodes) == 1 and not heavy.inertia.any()
+            ):  # as a point mass at its centre is
                 names.append(f"payload @ {heavy.name}")
             truth.append(names)
         elif part == "accelerometer":
