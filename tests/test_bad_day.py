@@ -294,11 +294,9 @@ def test_kills_at_random_moments_lose_and_leave_nothing(tmp_path, name):
 @pytest.mark.parametrize(
     ("name", "whom"),
     [
-        ("run", "main"),
         ("run", "mesher"),
         ("study", "child"),
         ("check", "child"),
-        ("diagnose", "main"),
     ],
 )
 def test_a_kill_loses_and_leaves_nothing(tmp_path, name, whom):

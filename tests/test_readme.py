@@ -42,6 +42,7 @@ SMALL = {
     "deflection": "--components published",
     "map": "--components published --gravity none --points 9",
     "blind": "--campaigns 1",
+    "lobes --map": "--points 9",
     "sensitivity": "--components beam",
     "sensitivity --part": COARSE,
 }

@@ -18,21 +18,25 @@ immersion milling, J. Manuf. Sci. Eng. 126, 2004 (all harmonics).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, fields
 from functools import cache, cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
 from stiffscope.lobes.limits import Limits, join_limits
+from stiffscope.runtime.processors import processors
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator, Sequence
 
     from stiffscope.lobes.engagement import Engagement
     from stiffscope.lobes.response import ToolResponse
     from stiffscope.runtime.types import Array, Complex, Flags, Indices
+
+Result = TypeVar("Result")
 
 _LEAST_POINTS = 4  # of a panel, beyond those by which modes vibrate in it
 _PER_TURN = 3.0  # further points per vibration of the fastest mode that matters
@@ -41,14 +45,13 @@ _BROAD = 24  # values of μ on half the circle
 _SHARP = np.array([-8.0, -3.0, -1.0, 0.0, 1.0, 3.0, 8.0])  # half widths of a resonance
 _STEEP = 10  # intervals that are refined in a round
 _PARTS = 4  # of an interval
-_LOWER = 8  # depths up to the present one at which steep intervals count,
-_LOWER_LAST = 32  # and at the end of a thorough search
-_ROUNDS = 4
-_SAME = 2e-3  # change of a depth by finer points
+_ROUNDS = 5
+_FLAT = 1.0 - np.cos(1.2)  # of 1 - cos of a phase: not refined any more
 _HIGH = 500.0  # end of the search, of 1 / (2 max |λ|)
 _SAFE = 0.8  # of the depth 1 / max |λ| at the angles, as peaks between them are higher
-_TRIALS = 1.1 ** np.arange(1, 13)  # depths tried at a time, of the last that is stable,
-_TRIALS_LAST = 1.03 ** np.arange(1, 33)  # and at the end of a thorough search
+_APART = 1.1  # ratio of depths that are tried first,
+_DEPTHS = 24  # how many are tried later, up to one that is unstable,
+_APART_LAST = 1.03  # and the ratio at the end of a thorough search
 _HALVINGS = 3
 _NEWTON = 4
 _POLISH = 4  # steps to the exact crossing
@@ -61,6 +64,7 @@ _ABOVE = 1.015  # of a limit: depth that must be unstable
 _BESIDE = np.array([-0.1, -0.03, -0.01, 0.0, 0.01, 0.03, 0.1])  # rad
 _STEP = 1e-5  # relative, of derivatives by frequency and damping
 _CHUNK = 48  # pairs of pose and speed at a time
+_CACHED = 20_000  # determinants at a time
 _ALIKE = 0.7  # vibrations in a tooth period, of the most in a chunk
 _FEW = 12  # points, up to which traces of powers are exact enough
 
@@ -170,7 +174,7 @@ class Curve:
     theta
         Angles (p, t), ascending from 0 to π.
     coefficients
-        Coefficients (k, p, t), of the powers 0 to k - 1.
+        Coefficients (p, k, t), of the powers 0 to k - 1.
     radius
         Bounds (p, t) of the largest |λ|, by the scale.
     """
@@ -179,9 +183,9 @@ class Curve:
     coefficients: Complex
     radius: Array
 
-    def __getitem__(self, some: Indices) -> Curve:
+    def __getitem__(self, some: Indices | Flags) -> Curve:
         """Return the curves of some pairs."""
-        return Curve(self.theta[some], self.coefficients[:, some], self.radius[some])
+        return Curve(self.theta[some], self.coefficients[some], self.radius[some])
 
     @property
     def stable(self) -> Array:
@@ -189,15 +193,14 @@ class Curve:
         depth: Array = _SAFE / np.maximum(self.radius.max(axis=1), 1e-300)
         return depth
 
-    def at(self, depth: Array) -> Complex:
-        """Return the determinants (p, d, t) at depths (p, d), by Horner's rule."""
-        values = depth[..., None]
-        highest, *others = self.coefficients[::-1, :, None]
-        out = np.broadcast_to(highest, (*depth.shape, highest.shape[-1])).copy()
-        for coefficient in others:
-            out *= values
-            out += coefficient
-        return out
+    def at(self, depth: Array) -> tuple[Array, Array]:
+        """Return the real and imaginary parts (p, d, t) of the determinants at depths (p, d)."""
+        powers = depth[..., None] ** np.arange(self.coefficients.shape[1])
+        # powers are real: both parts come from one product
+        parts = np.concatenate([self.coefficients.real, self.coefficients.imag], axis=2)
+        values = powers @ parts
+        count = self.theta.shape[1]
+        return values[..., :count], values[..., count:]
 
     def find_crossing(self, low: Array, high: Array) -> tuple[Array, Array]:
         """Return the depth (p,) between two at which a multiplier crosses, and its angle (p,).
@@ -207,17 +210,19 @@ class Curve:
         the share of the way at which the determinant vanishes.
         """
         pairs = np.arange(len(low))
-        ends = self.at(np.stack([low, high], axis=1))
-        jump = np.abs(np.diff(_turns(ends), axis=1))[:, 0].argmax(axis=1)
-        begin = self.coefficients[:, pairs, jump]
-        change = self.coefficients[:, pairs, jump + 1] - begin
+        real, imag = self.at(np.stack([low, high], axis=1))
+        ends = real + 1j * imag
+        turns = np.angle(ends[..., 1:] * ends[..., :-1].conj())
+        jump = np.abs(np.diff(turns, axis=1))[:, 0].argmax(axis=1)
+        begin = self.coefficients[pairs, :, jump]
+        change = self.coefficients[pairs, :, jump + 1] - begin
         depth = 0.5 * (low + high)
         share = np.full(len(low), 0.5)
         for _ in range(_NEWTON):
             value: Complex = np.zeros(len(low), dtype=complex)
             by_depth = value
             by_share = value
-            for first, step in zip(begin[::-1], change[::-1], strict=True):
+            for first, step in zip(begin.T[::-1], change.T[::-1], strict=True):
                 by_depth = by_depth * depth + value
                 value = value * depth + first + share * step
                 by_share = by_share * depth + step
@@ -231,29 +236,64 @@ class Curve:
         start = self.theta[pairs, jump]
         return depth, start + share * (self.theta[pairs, jump + 1] - start)
 
-    def refine(
-        self, loop: Loop, depth: Array, scale: Array, lower: int = _LOWER
-    ) -> Curve:
-        """Return the curve with more angles: where its phase turns fast up to depths (p,)."""
-        share = np.linspace(1.0, 0.0, lower, endpoint=False)  # islands may lie below
-        stable = np.minimum(self.stable, depth)
-        some = depth[:, None] * (stable / depth)[:, None] ** (1.0 - share)
-        turns = np.abs(_turns(self.at(some))).max(axis=1)
-        steep = np.argsort(-turns, axis=1)[:, :_STEEP]
+    def refine(self, loop: Loop, scale: Array, bend: Array) -> Curve:
+        """Return the curve with more angles, in the intervals (p, t - 1) of greatest bend."""
+        steep = np.argpartition(-bend, _STEEP - 1, axis=1)[:, :_STEEP]
         low = np.take_along_axis(self.theta, steep, axis=1)
         high = np.take_along_axis(self.theta, steep + 1, axis=1)
         part = np.linspace(0.0, 1.0, _PARTS + 1)[1:-1]
         more = low[..., None] + (high - low)[..., None] * part
-        finer = _characteristic(loop, more.reshape(len(depth), -1), scale)
+        finer = _characteristic(loop, more.reshape(len(scale), -1), scale)
         theta = np.concatenate([self.theta, finer.theta], axis=1)
         order = np.argsort(theta, axis=1, kind="stable")
         both = np.concatenate([self.coefficients, finer.coefficients], axis=2)
         radius = np.concatenate([self.radius, finer.radius], axis=1)
         return Curve(
             theta=np.take_along_axis(theta, order, axis=1),
-            coefficients=np.take_along_axis(both, order[None], axis=2),
+            coefficients=np.take_along_axis(both, order[:, None], axis=2),
             radius=np.take_along_axis(radius, order, axis=1),
         )
+
+
+@dataclass(frozen=True, eq=False)
+class Turns:
+    """How determinants turn around zero as μ runs along the half circle, at d depths of p pairs.
+
+    Attributes
+    ----------
+    depth
+        Depths (p, d), ascending.
+    unstable
+        How many multipliers (p, d) lie outside the unit circle.
+    bend
+        1 - cos of the greatest change of phase (p, t - 1) between two angles, at depths up to the
+        first unstable one.
+    below
+        The same without the last two of these depths, between which a multiplier crosses.
+    """
+
+    depth: Array
+    unstable: Indices
+    bend: Array
+    below: Array
+
+    def __getitem__(self, some: Flags) -> Turns:
+        """Return the turns of some pairs."""
+        return Turns(
+            self.depth[some], self.unstable[some], self.bend[some], self.below[some]
+        )
+
+    @property
+    def first(self) -> Indices:
+        """Index (p,) of the first unstable depth, d if there is none."""
+        return _find_first(self.unstable)
+
+    def find_top(self, high: Array) -> Array:
+        """Return the first unstable depth (p,), or the highest if there is none."""
+        first = self.first
+        found = first < self.depth.shape[1]
+        there = self.depth[np.arange(len(first)), np.where(found, first, 0)]
+        return np.where(found, there, high)
 
 
 def is_stable(
@@ -263,23 +303,39 @@ def is_stable(
     loop = _form_loop(response, cut, np.array([speed]))
     scale = np.array([depth])
     curve = _characteristic(loop, _angles(loop, response), scale)
+    one = np.ones((1, 1))
+    turns = _follow(curve, one)
     for _ in range(_ROUNDS):
-        curve = curve.refine(loop, np.ones(1), scale)
-    return not _count_unstable(curve.at(np.ones((1, 1))))[0, 0]
+        curve = curve.refine(loop, scale, turns.bend)
+        turns = _follow(curve, one)
+    return not turns.unstable[0, 0]
 
 
 def interrupted_depths(
-    response: ToolResponse, cut: Engagement, speeds: Array, scale: Array
+    response: ToolResponse, cut: Engagement, speeds: Array, scale: Array, most: Array
 ) -> Array:
-    """Return only the depths (n,), m, of `interrupted_limits`, to a thousandth."""
-    out = np.full(len(speeds), np.inf)
-    known = np.flatnonzero(np.isfinite(scale))
-    for alike in _group_alike(response[known], cut, speeds[known]):
-        some = known[alike]
+    """Return the depths (n,), m, of `interrupted_limits` to about a hundredth.
+
+    They are infinite where they exceed ``most`` (n,), m.
+    """
+
+    def search(some: Indices) -> Array:
         loop = _form_loop(response[some], cut, speeds[some])
         curve = _characteristic(loop, _angles(loop, response[some]), scale[some])
-        depth, _ = _search(loop, curve, scale[some], thorough=False)
-        out[some] = depth * scale[some]
+        high = np.minimum(most[some] / scale[some], _HIGH)
+        depth = np.full(len(some), np.inf)
+        asked = np.flatnonzero(curve.stable < high)
+        if asked.size:
+            depth[asked], _ = _search(
+                loop[asked], curve[asked], scale[some][asked], high[asked]
+            )
+        return depth * scale[some]
+
+    known = np.flatnonzero(np.isfinite(scale))
+    groups = [known[some] for some in _group_alike(response[known], cut, speeds[known])]
+    out = np.full(len(speeds), np.inf)
+    for some, depth in zip(groups, _in_threads(search, groups), strict=True):
+        out[some] = depth
     return out
 
 
@@ -309,15 +365,53 @@ def interrupted_limits(
         as those at neighbouring speeds. A limit there counts if all below it is stable; the whole
         range is searched otherwise.
     """
-    parts = list[Limits]()
-    order = list[np.ndarray]()
-    for some in _group_alike(response, cut, speeds):
-        hints = None if near is None else (near[0][some], near[1][some])
-        parts.append(
-            _find_limits(response[some], cut, speeds[some], scale[some], hints)
+
+    def settle(some: Indices) -> tuple[Array, Array]:
+        loop = _form_loop(response[some], cut, speeds[some])
+        depth, angle = _settle(loop, guesses[0][some], guesses[1][some])
+        possible = np.flatnonzero(np.isfinite(depth))
+        theta = _angles(loop, response[some])[possible]
+        certain = _is_least(loop[possible], theta, depth[possible], angle[possible])
+        depth[possible[~certain]] = np.inf
+        return depth, angle
+
+    def search(some: Indices) -> tuple[Array, Array]:
+        loop = _form_loop(response[some], cut, speeds[some])
+        size = scale[some]
+        curve = _characteristic(loop, _angles(loop, response[some]), size)
+        high = np.full(len(some), _HIGH)
+        depth, angle = _search(loop, curve, size, high, thorough=True)
+        return depth * size, angle
+
+    def describe(some: Indices) -> Limits:
+        return _describe_limits(
+            response[some], cut, speeds[some], depth[some], angle[some]
         )
-        order.append(some)
-    return join_limits(parts)[np.argsort(np.concatenate(order), kind="stable")]
+
+    depth = np.full(len(speeds), np.inf)
+    angle = np.ones(len(speeds))
+    guesses = near or (np.empty(0), np.empty(0))
+    rest = np.isfinite(scale)
+    for find in (settle, search) if near else (search,):
+        some = np.flatnonzero(rest)
+        groups = [
+            some[alike] for alike in _group_alike(response[some], cut, speeds[some])
+        ]
+        for alike, found in zip(groups, _in_threads(find, groups), strict=True):
+            depth[alike], angle[alike] = found
+        rest = np.isfinite(scale) & np.isinf(depth)
+    groups = list(_group_alike(response, cut, speeds))
+    parts = _in_threads(describe, groups)
+    order = np.argsort(np.concatenate(groups), kind="stable")
+    return join_limits(parts)[order]
+
+
+def _in_threads(
+    function: Callable[[Indices], Result], groups: Sequence[Indices]
+) -> list[Result]:
+    """Return a function's results for groups of pairs, worked out by all processors."""
+    with ThreadPoolExecutor(processors()) as pool:
+        return list(pool.map(function, groups))
 
 
 def _group_alike(
@@ -334,33 +428,14 @@ def _group_alike(
         start += len(some)
 
 
-def _find_limits(
-    response: ToolResponse,
-    cut: Engagement,
-    speeds: Array,
-    scale: Array,
-    near: tuple[Array, Array] | None,
+def _describe_limits(
+    response: ToolResponse, cut: Engagement, speeds: Array, depth: Array, angle: Array
 ) -> Limits:
+    """Return the limits at crossings (p,), m, and their angles, after their last polish."""
     loop = _form_loop(response, cut, speeds)
-    theta = _angles(loop, response)
-    known = np.isfinite(scale)
-    size = np.where(known, scale, 1.0)
-    depth = np.ones(len(speeds))
-    angle = np.ones(len(speeds))
-    certain = np.zeros(len(speeds), dtype=bool)
-    if near is not None:
-        guess, angle = _settle(loop, near)
-        some = np.flatnonzero(np.isfinite(guess))
-        certain[some] = _is_least(loop[some], theta[some], guess[some], angle[some])
-        size = np.where(certain, guess, size)
-    rest = np.flatnonzero(known & ~certain)
-    if rest.size:
-        part = loop[rest]
-        curve = _characteristic(part, theta[rest], size[rest])
-        depth[rest], angle[rest] = _search(part, curve, size[rest], thorough=True)
-    found = known & np.isfinite(depth)
+    found = np.isfinite(depth)
     value, angle, right, left = _polish(
-        loop, size, np.where(found, depth, 1.0), np.where(found, angle, 1.0)
+        loop, np.ones(len(depth)), np.where(found, depth, 1.0), angle
     )
     return _describe(
         loop,
@@ -373,16 +448,19 @@ def _find_limits(
     )
 
 
-def _settle(loop: Loop, near: tuple[Array, Array]) -> tuple[Array, Array]:
-    """Return the least crossing (p,), m, next to the guesses, and its angle; infinite if none is."""
+def _settle(loop: Loop, near: Array, omega: Array) -> tuple[Array, Array]:
+    """Return the least crossing (p,), m, next to guesses (p, k), m, rad/s, and its angle.
+
+    It is infinite where there is none.
+    """
     pairs = np.arange(len(loop.delay))
-    depth = np.full((len(pairs), near[0].shape[1]), np.inf)
+    depth = np.full(near.shape, np.inf)
     angle = np.ones(depth.shape)
     one = np.ones(len(pairs))
     for k in range(depth.shape[1]):
-        start = near[0][:, k]
+        start = near[:, k]
         known = np.isfinite(start)
-        turns = np.mod(near[1][:, k] * loop.delay, 2.0 * np.pi)
+        turns = np.mod(omega[:, k] * loop.delay, 2.0 * np.pi)
         turns = np.where(turns > np.pi, 2.0 * np.pi - turns, turns)
         with np.errstate(invalid="ignore", over="ignore"):
             value, angle[:, k], *_ = _polish(
@@ -405,11 +483,16 @@ def _is_least(loop: Loop, theta: Array, depth: Array, angle: Array) -> Flags:
     beside = (angle[:, None] + _BESIDE).clip(0.0, np.pi)
     theta = np.sort(np.concatenate([theta, beside], axis=1), axis=1)
     curve = _characteristic(loop, theta, depth)
-    curve = curve.refine(loop, np.ones(len(depth)), depth, _LOWER_LAST)
     below = np.geomspace(np.minimum(curve.stable, _ALMOST), _ALMOST, _BELOW, axis=1)
     above = np.full((len(below), 1), _ABOVE)
-    count = _count_unstable(curve.at(np.concatenate([below, above], axis=1)))
-    certain: Flags = (count[:, :-1] == 0).all(axis=1) & (count[:, -1] > 0)
+    tried = np.concatenate([below, above], axis=1)
+    turns = _follow(curve, tried)
+    certain: Flags = turns.first == _BELOW
+    # angles near the crossing are dense; others may be too few
+    steep = np.flatnonzero(certain & (turns.below >= _FLAT).any(axis=1))
+    if steep.size:
+        finer = curve[steep].refine(loop[steep], depth[steep], turns.below[steep])
+        certain[steep] = _follow(finer, tried[steep]).first == _BELOW
     return certain
 
 
@@ -591,34 +674,127 @@ def _angles(loop: Loop, response: ToolResponse) -> Array:
 
 
 def _search(
-    loop: Loop, curve: Curve, scale: Array, *, thorough: bool
+    loop: Loop, curve: Curve, scale: Array, high: Array, *, thorough: bool = False
 ) -> tuple[Array, Array]:
     """Return the least unstable depth (p,) over the scale, infinite if none, and its angle (p,).
 
-    A thorough search looks once more for islands of instability below that depth.
+    Depths up to the highest (p,) are searched. Angles are added until the phase of the determinant
+    turns little between any two, at all depths up to the first unstable one. Then, in a thorough
+    search, depths are tried more densely, as islands of instability may lie below.
     """
-    depth, angle = _bracket(curve)
-    active = np.arange(len(depth))
+    depth = np.full(len(scale), np.inf)
+    angle = np.ones(len(scale))
+    active = np.arange(len(scale))
+    tried = _spread(curve.stable, high, _APART)
     for left in reversed(range(_ROUNDS)):
-        before = depth[active]
-        at = np.where(np.isfinite(before), before, _HIGH)
-        curve = curve.refine(loop[active], at, scale[active])
-        # islands of instability below may have been passed over, and that found be none
-        after, angle[active] = _bracket(curve)
-        depth[active] = after
-        with np.errstate(invalid="ignore"):
-            same = (after == before) | (np.abs(after - before) <= _SAME * before)
-        same |= left == 0
-        if thorough and same.any():
-            some = active[same]
-            at = np.where(np.isfinite(depth[some]), depth[some], _HIGH)
-            fine = curve[same].refine(loop[some], at, scale[some], _LOWER_LAST)
-            depth[some], angle[some] = _bracket(fine, _TRIALS_LAST)
-        if same.all():
+        turns = _follow(curve, tried)
+        top = turns.find_top(high[active])
+        settled = (turns.bend < _FLAT).all(axis=1) | (left == 0)
+        if settled.any():
+            some = active[settled]
+            part = curve[settled]
+            last = turns[settled]
+            if thorough:
+                part, last = _search_islands(
+                    loop[some], part, scale[some], top[settled]
+                )
+            depth[some], angle[some] = _locate(part, last)
+        if settled.all():
             break
-        active = active[~same]
-        curve = curve[~same]
+        rest = ~settled
+        active = active[rest]
+        curve = curve[rest].refine(loop[active], scale[active], turns.bend[rest])
+        low = np.minimum(curve.stable, top[rest])
+        tried = np.geomspace(low, top[rest], _DEPTHS, axis=1)
     return depth, angle
+
+
+def _search_islands(
+    loop: Loop, curve: Curve, scale: Array, top: Array
+) -> tuple[Curve, Turns]:
+    """Return how a curve turns at dense depths up to the highest (p,), with more angles if need be."""
+    tried = _spread(curve.stable, top, _APART_LAST)
+    turns = _follow(curve, tried)
+    if (turns.below >= _FLAT).any():
+        curve = curve.refine(loop, scale, turns.below)
+        turns = _follow(curve, tried)
+    return curve, turns
+
+
+def _locate(curve: Curve, turns: Turns) -> tuple[Array, Array]:
+    """Return the least unstable depth (p,), infinite if none, and the angle of its multiplier."""
+    first = turns.first
+    pairs = np.arange(len(first))
+    found = first < turns.depth.shape[1]
+    high = turns.depth[pairs, np.where(found, first, -1)]
+    low = turns.depth[pairs, np.maximum(first - 1, 0)]
+    low = np.where(first == 0, np.minimum(curve.stable, high), low)
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        bad = _follow(curve, middle[:, None]).unstable[:, 0] > 0
+        high = np.where(bad, middle, high)
+        low = np.where(bad, low, middle)
+    depth, angle = curve.find_crossing(low, high)
+    return np.where(found, depth, np.inf), angle
+
+
+def _spread(low: Array, high: Array, apart: float) -> Array:
+    """Return depths (p, d) from low to high (p,), no further apart than by a ratio."""
+    low = np.minimum(low, high)
+    count = int(np.ceil(np.log((high / low).max(initial=1.0)) / np.log(apart)))
+    return np.geomspace(low, high, count + 2, axis=1)
+
+
+def _follow(curve: Curve, depth: Array) -> Turns:
+    """Return how the determinants of a curve turn at depths (p, d).
+
+    A few pairs are done at a time, so that their values stay in the processor's cache.
+    """
+    size = depth.shape[1] * curve.theta.shape[1]
+    few = max(1, _CACHED // size)
+    parts = list[Turns]()
+    for start in range(0, len(depth), few):
+        some = np.arange(start, min(start + few, len(depth)))
+        parts.append(_follow_few(curve[some], depth[some]))
+    return Turns(
+        *[
+            np.concatenate([getattr(part, field.name) for part in parts])
+            for field in fields(Turns)
+        ]
+    )
+
+
+def _follow_few(curve: Curve, depth: Array) -> Turns:
+    """Return the turns of a few pairs.
+
+    Multipliers outside the circle are minus the turns around it: twice the passages over the
+    negative real axis on its half, and one if the determinant at μ = -1 is negative.
+    """
+    real, imag = curve.at(depth)
+    imag[..., [0, -1]] = 0.0  # but for rounding
+    # the product of each determinant and the conjugate of that before
+    along = real[..., 1:] * real[..., :-1] + imag[..., 1:] * imag[..., :-1]
+    across = imag[..., 1:] * real[..., :-1] - real[..., 1:] * imag[..., :-1]
+    above = imag >= 0.0
+    before = above[..., :-1]
+    after = above[..., 1:]
+    down = before & ~after & (across > 0.0)
+    up = ~before & after & (across < 0.0)
+    passed = np.count_nonzero(down, axis=-1) - np.count_nonzero(up, axis=-1)
+    unstable = -(2 * passed + (real[..., -1] < 0.0))
+    length = np.sqrt(along**2 + across**2)
+    bend = 1.0 - along / np.maximum(length, 1e-300)
+    order = np.arange(depth.shape[1]) - _find_first(unstable)[:, None]
+    bend[order > 0] = 0.0
+    most = bend.max(axis=1)
+    bend[order >= -1] = 0.0
+    return Turns(depth=depth, unstable=unstable, bend=most, below=bend.max(axis=1))
+
+
+def _find_first(unstable: Indices) -> Indices:
+    """Return the index (p,) of the first unstable depth, d if there is none."""
+    some = unstable > 0
+    return np.where(some.any(axis=1), some.argmax(axis=1), some.shape[1])
 
 
 def _characteristic(loop: Loop, theta: Array, scale: Array) -> Curve:
@@ -637,12 +813,11 @@ def _characteristic(loop: Loop, theta: Array, scale: Array) -> Curve:
     powers = [matrix]
     while 2 * len(powers) < size:
         powers.append(powers[-1] @ matrix)
-    traces = [np.einsum("ptaa->pt", matrix)]
-    for k in range(2, size + 1):
+    traces = [np.einsum("ptaa->pt", power) for power in powers]
+    for k in range(len(powers) + 1, size + 1):
         half = k // 2
-        traces.append(
-            np.einsum("ptab,ptba->pt", powers[k - half - 1], powers[half - 1])
-        )
+        product = np.einsum("ptab,ptba->pt", powers[k - half - 1], powers[half - 1])
+        traces.append(product)
     out = np.empty((size + 1, *theta.shape), dtype=complex)
     out[0] = 1.0
     for k in range(1, size + 1):
@@ -651,75 +826,20 @@ def _characteristic(loop: Loop, theta: Array, scale: Array) -> Curve:
             out[k] -= out[k - j] * traces[j - 1]
         out[k] /= k
     # no eigenvalue exceeds the k-th root of the norm of the k-th power
-    norm = np.linalg.norm(powers[-1], axis=(-2, -1))
-    return Curve(theta, out, norm ** (1.0 / len(powers)))
+    last = powers[-1].reshape(*theta.shape, -1).view(float)
+    square = np.einsum("pti,pti->pt", last, last)
+    coefficients = np.ascontiguousarray(out.swapaxes(0, 1))
+    return Curve(theta, coefficients, square ** (0.5 / len(powers)))
 
 
 def _expand(values: Complex) -> Complex:
-    """Return the coefficients (k + 1, p, t) of Π (1 - b λ) for eigenvalues λ (p, t, k)."""
-    out = np.zeros((values.shape[-1] + 1, *values.shape[:-1]), dtype=complex)
-    out[0] = 1.0
-    for k in range(values.shape[-1]):
-        out[1 : k + 2] -= values[..., k] * out[: k + 1]
+    """Return the coefficients (p, k + 1, t) of Π (1 - b λ) for eigenvalues λ (p, t, k)."""
+    p, t, highest = values.shape
+    out = np.zeros((p, highest + 1, t), dtype=complex)
+    out[:, 0] = 1.0
+    for k in range(highest):
+        out[:, 1 : k + 2] -= values[:, None, :, k] * out[:, : k + 1]
     return out
-
-
-def _turns(determinants: Complex) -> Array:
-    """Return the changes (…, t - 1) of phase between angles, rad."""
-    return np.angle(determinants[..., 1:] * determinants[..., :-1].conj())
-
-
-def _count_unstable(determinants: Complex) -> Indices:
-    """Return how many multipliers (…,) lie outside the unit circle.
-
-    Minus the turns of the phase around the circle: twice those that cross the negative real axis
-    on its half, and one if the determinant at μ = -1 is negative.
-    """
-    real = determinants.real
-    above = determinants.imag >= 0.0
-    above[..., [0, -1]] = True  # real there, but for rounding
-    crossed = above[..., 1:] != above[..., :-1]
-    index = np.nonzero(crossed)
-    after = (*index[:-1], index[-1] + 1)
-    first = determinants[index]
-    second = determinants[after]
-    across = first.real * second.imag - second.real * first.imag
-    left = across * (second.imag - first.imag) < 0.0
-    turned = np.where(above[index], 1, -1) * left
-    count = np.zeros(determinants.shape[:-1], dtype=int)
-    np.add.at(count, index[:-1], turned)
-    return -(2 * count + (real[..., -1] < 0.0))
-
-
-def _bracket(curve: Curve, steps: Array = _TRIALS) -> tuple[Array, Array]:
-    """Return the least unstable depth (p,), infinite if none, and the angle of its multiplier.
-
-    ``steps`` (k,): depths that are tried at a time, over the last that is stable.
-    """
-    pairs = np.arange(len(curve.theta))
-    low = curve.stable
-    high = np.full(len(pairs), np.inf)
-    rest = pairs[low < _HIGH]
-    while rest.size:
-        trials = low[rest, None] * steps
-        unstable = _count_unstable(curve[rest].at(trials)) > 0
-        count = unstable.argmax(axis=1)  # of stable ones
-        found = unstable.any(axis=1)
-        high[rest[found]] = trials[found, count[found]]
-        count = np.where(found, count, len(steps))
-        low[rest] = np.where(
-            count > 0, trials[np.arange(len(rest)), count - 1], low[rest]
-        )
-        rest = rest[~found & (low[rest] < _HIGH)]
-    found = np.isfinite(high)
-    high = np.where(found, high, low * steps[0])
-    for _ in range(_HALVINGS):
-        middle = 0.5 * (low + high)
-        bad = _count_unstable(curve.at(middle[:, None]))[:, 0] > 0
-        high = np.where(bad, middle, high)
-        low = np.where(bad, low, middle)
-    depth, angle = curve.find_crossing(low, high)
-    return np.where(found, depth, np.inf), angle
 
 
 def _polish(

@@ -22,8 +22,10 @@ Method = Literal["zero-order", "all-harmonics"]
 _A_LOBE = 6  # speeds for each lobe of the fastest mode, in the search for the worst
 _RESONANCE = 1.5  # damping ratios between two speeds, at most
 _MOST = 240
+_FIRST = 5  # speeds between those that are tried first
 _ZOOMS = 2
 _SPLITS = 4  # speeds in each
+_GUIDES = 8  # poses between those of a sweep whose limits are searched without guesses
 _STRIDE = 16  # speeds between those of a sweep that are always solved
 _SMOOTH = 1e-2  # misfit of ln(depth) from a cubic; cubics on both halves are far closer
 _TURN = 0.02  # the same of ln(depth) by its slope at the middle, over the interval
@@ -71,10 +73,8 @@ def sweep_limits(
         return limits_at(response, cut, speeds, method)
     scale = depth_scale(response, cut)
     knots = np.unique(np.append(np.arange(0, count, _STRIDE), count - 1))
-    pose = np.repeat(np.arange(len(response)), len(knots))
-    place = np.tile(knots, len(response))
     whole = _Sweep(response, cut, speeds, scale)
-    whole.solve(pose, place)
+    whole.solve_knots(knots)
     pose = np.repeat(np.arange(len(response)), len(knots) - 1)
     low = np.tile(knots[:-1], len(response))
     high = np.tile(knots[1:], len(response))
@@ -82,7 +82,7 @@ def sweep_limits(
         wide = high - low > 1
         pose, low, high = pose[wide], low[wide], high[wide]
         middle = (low + high) // 2
-        whole.solve(pose, middle, (low, high))
+        whole.solve(pose, middle, whole.guess_between(pose, middle, low, high))
         smooth = whole.is_smooth(pose, low, middle, high)
         whole.interpolate(pose[smooth], low[smooth], middle[smooth])
         whole.interpolate(pose[smooth], middle[smooth], high[smooth])
@@ -118,29 +118,49 @@ class _Sweep:
             by_speed=one.astype(complex),
         )
 
+    def solve_knots(self, knots: Indices) -> None:
+        """Compute the limits of all poses at some places: of some poses first, which guide others."""
+        known = np.unique(
+            np.append(np.arange(0, len(self.response), _GUIDES), len(self.response) - 1)
+        )
+        self.solve(np.repeat(known, len(knots)), np.tile(knots, len(known)))
+        while len(known) < len(self.response):
+            gaps = np.flatnonzero(np.diff(known) > 1)
+            low, high = known[gaps], known[gaps + 1]
+            middle = (low + high) // 2
+            place = np.tile(knots, len(middle))
+            ends = np.repeat(low, len(knots)), np.repeat(high, len(knots))
+            near = self._guess_beside(place, *ends)
+            self.solve(np.repeat(middle, len(knots)), place, near)
+            known = np.sort(np.concatenate([known, middle]))
+
     def solve(
-        self,
-        pose: Indices,
-        place: Indices,
-        between: tuple[Indices, Indices] | None = None,
+        self, pose: Indices, place: Indices, near: tuple[Array, Array] | None = None
     ) -> None:
-        """Compute the limits of some pairs of pose and speed, between places that are known."""
+        """Compute the limits of some pairs of pose and speed, which may lie near guesses."""
         if not len(pose):
             return
-        speeds = self.speeds[place]
-        near = None
-        if between is not None:
-            near = self._guess(pose, place, *between)
         some = interrupted_limits(
-            self.response[pose], self.cut, speeds, self.scale[pose], near
+            self.response[pose], self.cut, self.speeds[place], self.scale[pose], near
         )
         for field in fields(Limits):
             getattr(self.limits, field.name)[pose, place] = getattr(some, field.name)
 
-    def _guess(
+    def _guess_beside(
+        self, place: Indices, low: Indices, high: Indices
+    ) -> tuple[Array, Array]:
+        """Return depths and frequencies (n, 2) of two poses at a place, or those between them."""
+        depth = np.stack([self.limits.depth[end, place] for end in (low, high)], axis=1)
+        omega = np.stack([self.limits.omega[end, place] for end in (low, high)], axis=1)
+        alike = np.abs(omega[:, 1] / omega[:, 0] - 1.0) < _SAME_LOBE
+        depth[alike] = np.sqrt(depth.prod(axis=1, keepdims=True))[alike]
+        omega[alike] = omega.mean(axis=1, keepdims=True)[alike]
+        return depth, omega
+
+    def guess_between(
         self, pose: Indices, place: Indices, low: Indices, high: Indices
     ) -> tuple[Array, Array]:
-        """Return depths and frequencies (n, 2) that follow from both ends."""
+        """Return depths and frequencies (n, 2) of a pose that follow from two other places."""
         depth = list[np.ndarray]()
         omega = list[np.ndarray]()
         for end in (low, high):
@@ -255,23 +275,29 @@ def worst_limits(
     dense = 1.0 / (_RESONANCE * sharpest)
     dense = max(dense, _A_LOBE * fastest / (cut.teeth * ends[0]))
     count = int(np.clip(dense * np.log(ends[1] / ends[0]), 8, _MOST))
-    speeds = np.broadcast_to(np.geomspace(*ends, count), (n, count))
-    worst = _find_worst(response, cut, speeds, scale)
-    share = np.linspace(0.0, 1.0, _SPLITS + 2)[1:-1]
+    speeds = np.geomspace(*ends, count)
+    apart = speeds[1] / speeds[0]
+    speed = np.full(n, ends[0])
+    depth = np.full(n, np.inf)
+
+    def look(tried: Array) -> None:
+        """Take over the speeds (n, s) that are worse than those before."""
+        flat = tried.ravel()
+        most = np.repeat(depth, tried.shape[1])
+        pose = np.repeat(poses, tried.shape[1])
+        found = interrupted_depths(response[pose], cut, flat, scale[pose], most)
+        found = found.reshape(tried.shape)
+        least = found.argmin(axis=1)
+        worse = found[poses, least] < depth
+        depth[worse] = found[poses, least][worse]
+        speed[worse] = tried[poses, least][worse]
+
+    # what is known of some speeds spares a search of all depths at the others
+    coarse = np.arange(0, count, _FIRST)
+    for some in (coarse, np.setdiff1d(np.arange(count), coarse)):
+        look(np.broadcast_to(speeds[some], (n, len(some))))
     for _ in range(_ZOOMS):
-        here = speeds[poses, worst]
-        low = speeds[poses, np.maximum(worst - 1, 0)]
-        high = speeds[poses, np.minimum(worst + 1, speeds.shape[1] - 1)]
-        finer = low[:, None] + (high - low)[:, None] * share
-        speeds = np.sort(np.concatenate([here[:, None], finer], axis=1), axis=1)
-        worst = _find_worst(response, cut, speeds, scale)
-    return interrupted_limits(response, cut, speeds[poses, worst], scale)
-
-
-def _find_worst(
-    response: ToolResponse, cut: Engagement, speeds: Array, scale: Array
-) -> Indices:
-    """Return the index (n,) of the speed with the least depth among those (n, s) of each pose."""
-    pose = np.repeat(np.arange(len(response)), speeds.shape[1])
-    depth = interrupted_depths(response[pose], cut, speeds.ravel(), scale[pose])
-    return depth.reshape(speeds.shape).argmin(axis=1)
+        step = apart ** np.linspace(-1.0, 1.0, _SPLITS + 2)[1:-1]
+        look((speed[:, None] * step).clip(*ends))
+        apart **= 2.0 / (_SPLITS + 1)
+    return interrupted_limits(response, cut, speed, scale)

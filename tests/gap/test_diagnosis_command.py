@@ -269,7 +269,7 @@ def test_bad_input_writes_nothing(
     assert tomllib.loads((tmp_path / "notes.toml").read_text()) == {"a": 1}
 
 
-@pytest.mark.extended
+@pytest.mark.long
 def test_backlash_of_a_rotary_drive_with_two_slopes_is_found_adopted_and_found_no_more(
     tmp_path, monkeypatch
 ):
