@@ -20,6 +20,7 @@ from stiffscope.experiments.manifest import manifest_of
 from stiffscope.gap.adoption import adopt as adopt_effects
 from stiffscope.gap.adoption import check_target, name_of, what_is_sure
 from stiffscope.gap.campaign.campaign_header import load_header
+from stiffscope.gap.campaign.measured_responses import load_responses
 from stiffscope.gap.campaign.readings import load_campaign
 from stiffscope.gap.campaign.template import write_template
 from stiffscope.gap.campaigns import (
@@ -53,6 +54,7 @@ if TYPE_CHECKING:
     from stiffscope.experiments.manifest import Manifest
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.campaign.campaign_header import Header
+    from stiffscope.gap.campaign.measured_responses import MeasuredResponses
     from stiffscope.gap.campaigns import Case
     from stiffscope.gap.inference.diagnosis import Diagnosis
     from stiffscope.report.run_report import Draft
@@ -205,7 +207,8 @@ def campaign() -> None:
     "given",
     metavar="CAMPAIGN|hammer",
     type=options.PATH,
-    help="With --ask: plan with the sensors and loads of this campaign alone, and the forces of its readings; "
+    help="With --ask: plan with the sensors and loads of this campaign alone, and the forces of its readings, "
+    "or with its responses; "
     "or, with a hammer, where to hit and where to listen.",
 )
 def new_campaign(
@@ -225,6 +228,9 @@ def new_campaign(
     hammered = given is not None and given == _HAMMER and not given.is_dir()
     if ask is not None and hammered:
         _plan_hits(robot, named, goal, ask, output)
+        return
+    if ask is not None and given is not None and _is_hammered(given):
+        _plan_hits(robot, named, goal, ask, output, given)
         return
     if ask is not None:
         own = None if given is None else _load_own(given, robot)
@@ -251,13 +257,29 @@ def new_campaign(
     )
 
 
+def _is_hammered(folder: Path) -> bool:
+    """Return whether a campaign has responses alone."""
+    header = load_header(folder)
+    return bool(header.responses) and not (header.readings or header.sensors)
+
+
 def _plan_hits(
-    robot: RobotFile, named: str, goal: Path, ask: str, output: Output
+    robot: RobotFile,
+    named: str,
+    goal: Path,
+    ask: str,
+    output: Output,
+    given: Path | None = None,
 ) -> None:
-    """Write and show a planned hammer test."""
+    """Write and show a planned hammer test, with the hits and channels of a campaign alone if given."""
+    stated = None if given is None else load_header(given).components
     with open_workshop(output) as shop:
-        made = assemble_robots({"nominal": robot}, "beam", shop)["nominal"]
-    proposal = propose_hits(NominalRobot(made.mechanism, robot), ask)
+        made = assemble_robots({"nominal": robot}, stated or "beam", shop)["nominal"]
+    own: tuple[MeasuredResponses, ...] = ()
+    if given is not None:
+        tests = load_campaign(given, robot, planned=True)
+        own = load_responses(given, tests, robot, made.mechanism)
+    proposal = propose_hits(NominalRobot(made.mechanism, robot), ask, own)
     with staged_folder(goal, new=True) as aside:
         write_hits(aside, named, proposal)
 

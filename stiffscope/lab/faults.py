@@ -206,6 +206,12 @@ def _payload(machine: Machine, place: str, parameters: Parameters) -> Machine:
     return replace(machine, payloads=(*machine.payloads, load))
 
 
+def _make_denser(body: Body, parameters: Parameters) -> Body:
+    """Scale a body's mass, and its moments of inertia with it."""
+    factor = parameters["factor"]
+    return replace(body, mass=factor * body.mass, inertia=factor * body.inertia)
+
+
 def _joint_stiffness(joint: Joint, parameters: Parameters) -> Joint:
     """Scale the spring of a passive joint, or add a stiffness."""
     if joint.drive or joint.kind not in {
@@ -446,10 +452,8 @@ KNOWN: dict[str, Word] = {
     ),
     "mass": Word(
         ("factor",),
-        _every(_find_rigid, lambda b, v: replace(b, mass=b.mass * v["factor"])),
-        lambda m, at: (
-            m.gravity.any() and any(b.mass for b in _find_rigid(m, at).values())
-        ),
+        _every(_find_rigid, _make_denser),
+        lambda m, at: any(b.mass for b in _find_rigid(m, at).values()),
         steps=({"factor": 1.0 + _TURN},),
     ),
     "sensor-mass": Word(

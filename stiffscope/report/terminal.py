@@ -145,7 +145,9 @@ def show_table(
     cells = [[in_encoding(cell, out.encoding) for cell in row] for row in rows]
     folded = {k for k, name in enumerate(columns) if name in prose}
     ends = accumulate(map(len, groups), initial=0)
-    first, *others = (list(range(a, b)) for a, b in pairwise(ends))
+    first, *others = (list(range(a, b)) for a, b in pairwise(ends) if b > a)
+    if not others:  # nothing to repeat
+        first, others = [], [first]
 
     def table(columns: list[int]) -> Table:
         filled = [row for row in cells if any(row[k] for k in columns)]

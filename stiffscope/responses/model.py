@@ -42,6 +42,11 @@ class Direction:
     def __str__(self) -> str:
         return f"{self.point}:{'-' if self.sign < 0 else '+'}{AXES[self.axis]}"
 
+    @property
+    def channel(self) -> str:
+        """Name of the channel that measures along it, whatever its sign: `2.x`."""
+        return f"{self.point}.{AXES[self.axis]}"
+
 
 @dataclass(frozen=True, eq=False)
 class Response:

@@ -41,6 +41,7 @@ COHERENCE = 6
 QUANTITIES: dict[int, Quantity] = {8: "receptance", 11: "mobility", 12: "accelerance"}
 FREQUENCY = 18
 _EXPONENT = re.compile(r"(?<=[\d.])[dD](?=[+-]?\d)|(?<=\d)(?=[+-]\d{3}$)")
+_RECORD = 6  # most numbers of a record of values
 _KNOWN = {15, 55, 58, 82, 151, 164, 2411}
 _NORMAL, _COMPLEX_FIRST, _COMPLEX_SECOND = 2, 3, 7  # analyses of dataset 55
 
@@ -203,6 +204,13 @@ def _read_function(block: Block) -> _Function:
         got = f"{len(values) // width}, as the dataset is cut off"
         where = f"{block.name}:{block.line + 11}: dataset {block.number}"
         raise InputError(f"{where}: expected {count} values, got {got}")
+    # some programs fill the last record with zeros
+    require(
+        len(values) - width * count < _RECORD,
+        f"{block.name}:{block.line + 6}: dataset {block.number}",
+        f"as many values as follow, {len(values) // width}",
+        count,
+    )
     table = values[: width * count].reshape(count, width)
     x = table[:, 0] if spacing == 0 else start + increment * np.arange(count)
     ordinates = table[:, 1:] if spacing == 0 else table
@@ -258,6 +266,7 @@ def _ascii_values(block: Block, data_type: int, spacing: Literal[0, 1] | int) ->
     if spacing == 1:
         return _columns(block, rows, width=20)
     widths = [13, 20, 13, 20] if data_type == 4 else [13, 20, 20]
+    _refuse_cut(block, rows, np.cumsum(widths).tolist())
     words = list[str]()
     for record in rows:
         text = block.records[record]
@@ -400,10 +409,41 @@ def _whole(block: Block, record: int, count: int, *, width: int) -> list[int]:
     raise block.fail(record, f"{count} whole numbers")
 
 
+def _refuse_cut(
+    block: Block, records: Sequence[int], edges: Sequence[int], start: int = 0
+) -> None:
+    """Raise InputError for a record that is cut off inside a column.
+
+    What is left of a number is another number. Numbers end at the right edges (k,) of their
+    columns: a record whose last one does not is cut, unless others are not aligned either.
+    """
+    stops = set(edges)
+    inside = [
+        record
+        for record in records
+        for end in [len(block.text(record).rstrip())]
+        if start < end < max(stops, default=0) and end not in stops
+    ]
+    if not inside:
+        return
+    aligned = [
+        bool(text[edge - 1].strip())
+        for record in {records[0], inside[0]}
+        for text in [block.text(record).rstrip()]
+        for edge in edges
+        if edge < len(text)
+    ]
+    if aligned and all(aligned):
+        raise block.fail(inside[0], "numbers up to the ends of their columns")
+
+
 def _columns(
     block: Block, records: Sequence[int], *, width: int, start: int = 0
 ) -> Array:
     """Return the numbers of records in columns of a width."""
+    longest = max((len(block.text(record)) for record in records), default=0)
+    edges = list(range(start + width, longest + width, width))
+    _refuse_cut(block, records, edges, start)
     words = list[str]()
     for record in records:
         text = block.text(record)

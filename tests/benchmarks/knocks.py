@@ -47,6 +47,8 @@ CAUSES = (
     "accelerometer",
     "drive+mass",
     "hose",
+    "gain",
+    "sign",
 )
 ROBOTS = {
     "stewart": ("home", "tilted"),
@@ -130,9 +132,19 @@ def plant(cause, machine, pose, rng):
             truth.append(["base-compliance @ base"])
         elif part == "mass":
             factor = float(rng.choice([0.7, 1.3]))
-            own = replace(heavy, mass=factor * heavy.mass)
+            own = replace(
+                heavy,
+                mass=factor * heavy.mass,
+                inertia=factor * heavy.inertia,
+                moving=factor * heavy.moving,
+            )
             changed = changed.change({heavy.name: own})
-            truth.append([f"mass @ {heavy.name}", f"payload @ {heavy.name}"])
+            names = [f"mass @ {heavy.name}"]
+            if (
+                len(heavy.nodes) == 1 and not heavy.inertia.any()
+            ):  # as a point mass at its centre is
+                names.append(f"payload @ {heavy.name}")
+            truth.append(names)
         elif part == "accelerometer":
             point = str(1 + int(rng.integers(4)))
             changed = replace(changed, sensor_masses={point: 0.06})
@@ -184,6 +196,12 @@ def write(folder, name, cause, seed, *, read=False):
     noise = HammerNoise()
     damping = noise.draw_damping(rng, PRIVATE)
     true = strike(changed, plan, located, damping)
+    if cause in {"gain", "sign"}:  # of one direction of an accelerometer
+        channel = motions[int(rng.integers(len(motions)))].channel
+        factor = -1.0 if cause == "sign" else float(rng.choice([0.1, 0.8, 1.25]))
+        shown = [factor if each.channel == channel else 1.0 for each in motions]
+        true = true * np.array(shown)[:, None]
+        truth.append([f"response-gain @ {channel}"])
     measured = record(true, plan, noise, np.random.default_rng([seed, 77]))
     setups = dict(zip(names, names, strict=True))
     write_responses(folder, plan, measured, robot=name, names=setups, components="beam")

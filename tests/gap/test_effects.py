@@ -25,6 +25,7 @@ UNITS = {"1", "m", "rad", "kg", "K", "N", "N·m", "m/N", "rad/(N·m)", "rad/m", 
 UNITS |= {"Pa", "1/(N·m)", "N/m³", "SI", ""}
 WITHOUT_LAB = {
     "geometry": "many joint axes and zeros, which the laboratory has singly",
+    "response-gain": "of lines, which tests.benchmarks.knocks scales",
 }
 DOUBTS = Doubts(
     {"gauge": 1e3},
@@ -39,6 +40,7 @@ SETTING = Setting(
     doubts=DOUBTS,
     load_values=((10.0, "N"), (20.0, "N"), (30.0, "N")),
     points={"7": True},
+    channels={"7.x": "7", "7.y": "7", "8.x": "8"},
 )
 DELTA = load_robot("delta")
 BEAMS = NominalRobot(mechanism_of(DELTA, part_matrices(DELTA, "beam")), DELTA)

@@ -18,9 +18,11 @@ from stiffscope.lab.hammer import (
     space_lines,
     strike,
     triaxial,
+    write_responses,
 )
 from stiffscope.lab.machine import machine_of
 from stiffscope.lab.response import Spot
+from stiffscope.responses.model import Direction
 from stiffscope.responses.tables import read_direction
 from stiffscope.responses.uff_writing import write_uff
 from stiffscope.robot.part_matrices import part_matrices
@@ -77,6 +79,39 @@ def test_a_planned_test_names_what_it_is_planned_for(tmp_path):
         for name in (f"{e.effect} @ {e.place}", *e.confused_with)
     }
     assert not any(e.effect == "base-compliance" for e in found.effects)
+
+
+def test_one_accelerometer_says_what_it_tells_and_what_not(tmp_path, capsys):
+    """The hits and channels of a campaign, no others, and each cause in a line."""
+    robot = load_robot("five-bar")
+    machine = machine_of(robot, part_matrices(robot, "beam"))
+    pose = list(robot.poses)[-1]
+    test = HammerPlan(
+        poses=np.array([robot.poses[pose]]),
+        points={"1": Spot(machine.tool, machine.at)},
+        hits=(Direction("1", 0),),
+        motions=triaxial("1"),
+        hertz=space_lines(5.0, 400.0, 100),
+    )
+    true = strike(machine, test, locate(machine, test.poses), np.array([0.01]))
+    noise = record(true, test, HammerNoise(), np.random.default_rng(1))
+    own = tmp_path / "own"
+    write_responses(
+        own, test, noise, robot="five-bar", names={"tap": pose}, components="beam"
+    )
+    facts = tmp_path / "plan.json"
+    order = ["campaign", "new", "five-bar", "--ask", "all", "--with", str(own)]
+    goal = str(tmp_path / "test")
+    assert _guarded([*order, "--out", goal, "--json", str(facts)]) == 0
+    plan = json.loads(facts.read_text())["plan"]
+    assert [hit["force"] for hit in plan["hits"]] == ["1:+x"]
+    assert {*plan["points"]} == {"1"}
+    names = {pair["first"] for pair in plan["pairs"]}
+    told = capsys.readouterr().out
+    assert f"Of {len(names)} causes" in told
+    seen = {p["first"] for p in plan["pairs"] if p["ln_odds"] >= plan["enough"]}
+    missing = told.split("do not show.")[1]
+    assert not any(f" {name}," in missing for name in seen)
 
 
 def test_a_question_that_no_hit_answers_is_refused(tmp_path, capsys):

@@ -310,6 +310,25 @@ def test_natural_frequencies_are_those_of_the_modes():
     )
 
 
+def test_frequencies_of_a_denser_body_show_its_moments_of_inertia():
+    robot = nominal("stewart")
+    c = readings(robot, tuple(f"f{k}" for k in range(1, 7)))
+    model = RobotModel(c, robot)
+    (mass,) = [k for k in find_candidates(model.setting) if k.name == "mass @ platform"]
+    column = model.predict().columns(mass)[c.kind == 4, 0]
+    step = 1e-4
+    shaken = [
+        frequencies(
+            apply_effect(robot, "mass", "platform", {"factor": 1.0 + s}).mechanism,
+            configure(robot.mechanism, c.poses),
+            6,
+        )
+        for s in (step, -step)
+    ]
+    expected = (shaken[0] - shaken[1]).ravel() / (2.0 * step)
+    assert column == pytest.approx(expected, rel=5e-3)
+
+
 def test_a_zero_of_each_session_is_no_information():
     """Readings of a sensor with unknown zero may be shifted by a constant in every session."""
     robot = nominal("delta")

@@ -16,6 +16,7 @@ from stiffscope.gap.campaigns import rough_mechanism
 from stiffscope.gap.diagnose import diagnose_campaign
 from stiffscope.gap.effects.effect import Payload
 from stiffscope.gap.effects.elements import add_payloads, change_elements
+from stiffscope.gap.effects.masses import Mass, find_masses
 from stiffscope.gap.forward.response_state import (
     MassRate,
     NuisanceSettings,
@@ -218,6 +219,44 @@ def test_derivatives_by_the_place_of_a_mass_carry_its_second_moments(stewart):
     compare(own, shake(carry(step)), shake(carry(-step)), step)
 
 
+def test_a_denser_body_has_more_moments_of_inertia(stewart):
+    robot, nominal = stewart
+    (heavy,) = find_masses(NominalRobot(nominal, robot))["platform"]
+    mass = Mass((heavy,))
+
+    def shake(growth):
+        payloads = mass.influence(np.array([growth])).payloads
+        return state_of(stewart, LINES, mechanism=add_payloads(nominal, payloads))
+
+    step = 1e-4
+    ahead, behind = (mass.influence(np.array([s * step])).payloads for s in (1, -1))
+    rate = MassRate.between(ahead[0], behind[0], 2.0 * step)
+    own = shake(0.0).load([rate], 1)[..., 0]
+    compare(own, shake(step), shake(-step), step)
+    bodies = {body.name: body for body in nominal.bodies}
+    changed = add_payloads(nominal, mass.influence(np.array([0.3])).payloads)
+    denser = {body.name: body for body in changed.bodies}["platform"]
+    assert denser.inertia == pytest.approx(1.3 * bodies["platform"].inertia)
+
+
+def test_a_gain_changes_its_channel_alone(stewart):
+    """Also where it is not one: derivatives are differences by relative changes."""
+    channels = len(HITS) * len(POINTS) * 3
+    gains = np.ones(channels)
+    gains[4] = -0.8
+    plain = state_of(stewart, LINES)
+    state = state_of(stewart, LINES, gains=gains)
+    assert state.lines == pytest.approx(gains[:, None] * plain.lines)
+    assert state.predict_lines(LINES) == pytest.approx(state.lines)
+    change = np.zeros((channels, 1))
+    change[4] = 1e-6
+    more = state_of(stewart, LINES, gains=gains * (1.0 + change[:, 0]))
+    moved = more.lines - state.lines
+    shown = state.block.read(moved) * state.block.weight
+    expected = state._spread * state.share(shown)
+    assert state.amplify(change)[:, 0] == pytest.approx(expected, rel=1e-6, abs=1e-15)
+
+
 @pytest.mark.parametrize("coherent", [True, False])
 def test_neighbouring_lines_tell_their_noise(stewart, rng, coherent):
     robot, nominal = stewart
@@ -287,6 +326,27 @@ def test_a_soft_drive_is_named(stewart, rng):
     if effect.effect == "actuator-stiffness":
         factor = effect.parameters["factor"]
         assert abs(factor.value - 0.6) < 4.0 * factor.sigma
+
+
+@pytest.mark.extended
+@pytest.mark.parametrize("factor", [0.8, -1.0])
+def test_a_wrong_gain_or_sign_of_a_channel_is_named(stewart, rng, factor):
+    robot, nominal = stewart
+    responses = []
+    for pose in POSES:
+        values = superpose(nominal, robot.poses[pose], HERTZ)
+        values[:, 2, 1] *= factor
+        responses.append(measure(nominal, robot, pose, values, rng))
+    found = diagnose_campaign(
+        Campaign.without_readings(robot.name, coordinates=tuple(robot.tool.pose)),
+        NominalRobot(nominal, robot),
+        None,
+        responses,
+    )
+    assert found.verdict == "identified"
+    (effect,) = found.effects
+    assert (effect.effect, effect.place) == ("response-gain", "3.y")
+    assert effect.parameters["factor"].value == pytest.approx(factor, rel=0.03)
 
 
 @pytest.mark.extended

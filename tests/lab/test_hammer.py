@@ -7,8 +7,10 @@ import pyuff
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.measured_responses import load_responses
 from stiffscope.gap.campaigns import open_case, rough_mechanism
+from stiffscope.gap.effects.vocabulary import apply_effect
 from stiffscope.gap.forward.response_model import predict_responses
 from stiffscope.lab.closure import locate
+from stiffscope.lab.faults import inject
 from stiffscope.lab.hammer import (
     HammerNoise,
     HammerPlan,
@@ -24,6 +26,7 @@ from stiffscope.responses.model import Direction, Response
 from stiffscope.responses.scatter import find_scatter
 from stiffscope.responses.uff import read_uff
 from stiffscope.responses.uff_writing import write_uff
+from stiffscope.robot.nominal import NominalRobot
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
 
@@ -58,10 +61,14 @@ def hammer(name, count=201):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ROBOTS)
-def test_a_struck_machine_is_that_of_the_library(name, tmp_path):
+@pytest.mark.parametrize(
+    ("name", "denser"), [*((name, "") for name in ROBOTS), ("stewart", "platform")]
+)
+def test_a_struck_machine_is_that_of_the_library(name, denser, tmp_path):
     machine, plan, located, components = hammer(name)
-    true = strike(machine, plan, located, DAMPING)
+    factor = {"factor": 1.3}
+    planted = inject(machine, "mass", denser, factor) if denser else machine
+    true = strike(planted, plan, located, DAMPING)
     silent = record(true, plan, HammerNoise(0.0, 0.0), np.random.default_rng(1))
     pose = list(machine.robot.poses)[-1]
     write_responses(
@@ -74,6 +81,9 @@ def test_a_struck_machine_is_that_of_the_library(name, tmp_path):
     )
     case = open_case(tmp_path)
     mechanism = rough_mechanism(case.robot, components)
+    if denser:
+        nominal = NominalRobot(mechanism, case.robot)
+        mechanism = apply_effect(nominal, "mass", denser, factor).mechanism
     (measured,) = load_responses(tmp_path, case.campaign, case.robot, mechanism)
     predicted = predict_responses(mechanism, measured, DAMPING[0])
     size = np.abs(true).max()

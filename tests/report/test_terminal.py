@@ -308,6 +308,17 @@ def test_the_first_columns_are_repeated_and_empty_ones_left_out(capsys, monkeypa
     ]
 
 
+@pytest.mark.parametrize(
+    "groups", [[["kg", "first", "second"]], [["kg"], [], ["first", "second"]]]
+)
+def test_a_table_shows_its_rows_however_its_columns_are_grouped(capsys, groups):
+    show_table("Mass", groups, [["solids", "12.3", "4.56"]])
+    title, heads, _, row = capsys.readouterr().out.rstrip().splitlines()
+    assert title == "Mass"
+    assert heads.split() == ["kg", "first", "second"]
+    assert row.split() == ["solids", "12.3", "4.56"]
+
+
 def test_brackets_in_names_are_brackets(capsys):
     show_table("[/b] [red]", (("pose",), ("[bold]",)), [("[/x]", ":smile:")])
     show_line("[/b]")

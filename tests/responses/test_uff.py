@@ -208,6 +208,8 @@ def test_a_delimiter_among_binary_values_ends_no_dataset(tmp_path):
 
 
 FIRST = re.compile(rb"\n *-?\d\.\d{5}e[+-]\d\d(?= )")
+LAST = re.compile(rb"..\n(?=    -1\n$)")  # of the last number
+MIDDLE = re.compile(rb"(\n *-?\d\.\d{5}e[+-]\d\d +-?\d\.\d{3})[^\n]*\n")
 SOUND = function(EVEN, VALUES, ord_data_type=5)
 
 
@@ -218,6 +220,9 @@ SOUND = function(EVEN, VALUES, ord_data_type=5)
         (lambda t: t.replace(b"    58", b"    xx"), r"a.uff:2: expected the number"),
         (lambda t: re.sub(rb"(\n[^\n]*){3}(?=\n    -1\n$)", b"", t), "cut off"),
         (lambda t: FIRST.sub(b"\n" + b"NaN".rjust(13), t, 1), "expected finite values"),
+        (lambda t: LAST.sub(b"\n", t, 1), "expected numbers up to the ends"),
+        (lambda t: MIDDLE.sub(rb"\1\n", t, 1), "expected numbers up to the ends"),
+        (lambda t: t.replace(b"        37 ", b"        30 ", 1), "as many values as"),
         (lambda _: b"nothing of this kind", "expected datasets between lines of -1"),
     ],
 )
@@ -227,6 +232,16 @@ def test_what_is_wrong_is_told_in_one_line(tmp_path, change, message):
     with pytest.raises(InputError, match=message) as told:
         read_uff(path)
     assert "\n" not in str(told.value)
+
+
+def test_numbers_that_are_not_aligned_are_not_cut_off(tmp_path):
+    """Written to the left of their columns, without the blanks at the end of a line."""
+    path = write(tmp_path / "a.uff", SOUND)
+    sound = read_uff(path).responses[0].receptance
+    text = path.read_bytes()
+    left = re.sub(rb"( +)(-?\d\.\d{5}e[+-]\d\d)", rb"\2\1", text)
+    path.write_bytes(re.sub(rb"(?<=e[+-]\d\d) +\n", b"\n", left))
+    assert (read_uff(path).responses[0].receptance == sound).all()
 
 
 @pytest.mark.parametrize("binary", [0, 1])

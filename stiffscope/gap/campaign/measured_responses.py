@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,6 +12,7 @@ from stiffscope.errors import InputError, naming
 from stiffscope.responses.checks import find_damping, find_doubts
 from stiffscope.responses.files import read_responses
 from stiffscope.responses.model import Response
+from stiffscope.responses.scatter import find_scatter
 from stiffscope.robot.file.description import GROUND
 from stiffscope.robot.file.quantities import show_value, to_si
 from stiffscope.robot.mechanism_of import configured_poses
@@ -72,6 +73,15 @@ class MeasuredResponses:
     def doubts(self) -> list[str]:
         """Doubts on the measurement, a line each."""
         return find_doubts(self.responses)
+
+    @cached_property
+    def scatter(self) -> dict[Response, Array]:
+        """Scatter (n,) of the lines of each response that is not zero at all of them."""
+        return {
+            response: find_scatter(response, self.setup.averages)
+            for response in self.responses
+            if response.receptance.any()
+        }
 
     def find_direction(self, direction: Direction) -> Array:
         """Return a direction of the file (6,), force and moment, in {O}, with its sign."""

@@ -17,7 +17,6 @@ from stiffscope.gap.campaign.campaign import NO_LINE
 from stiffscope.gap.campaign.kinds import CODE_ALONG, number_of
 from stiffscope.gap.campaign.kinds.responses import RESPONSE
 from stiffscope.responses.checks import fill_noise, find_resonances
-from stiffscope.responses.scatter import find_scatter
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -134,9 +133,7 @@ def read_lines(
     heard = [response for response in measured.responses if response.receptance.any()]
     for responses in _group_by_lines(heard):
         selected = replace(measured, responses=tuple(responses))
-        scatter = np.array(
-            [find_scatter(response, measured.setup.averages) for response in responses]
-        )
+        scatter = np.array([measured.scatter[response] for response in responses])
         level = np.max([np.abs(response.receptance) for response in responses], axis=0)
         scatter = np.maximum(scatter, settings.rounding * level)
         damping = max(selected.find_damping(), settings.least_damping)

@@ -207,6 +207,7 @@ class Payload:
 
     A constant ``force`` (3,), N, base axes, pulls at the same point, such as that of a cable.
     The weight of a mass ``carried``, kg, is taken off, as by a spring; its inertia stays.
+    ``inertia`` (3, 3), kg·m², is that about its own centre, home axes; zero of a point mass.
     """
 
     body: str
@@ -215,6 +216,7 @@ class Payload:
     moments: Array
     force: Array = field(default_factory=lambda: np.zeros(3))
     carried: float = 0.0
+    inertia: Array = field(default_factory=lambda: np.zeros((3, 3)))
 
 
 class Knee(NamedTuple):
@@ -307,6 +309,8 @@ class Influence:
     """Pairs of exchanged columns."""
     sensor_masses: Mapping[str, float] = field(default_factory=dict[str, float])
     """Further mass, kg, of what is screwed to points of responses, by point."""
+    response_gains: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Relative excess of measured motions over the true ones, by channel of responses."""
 
 
 @dataclass(frozen=True)
@@ -337,6 +341,8 @@ class Setting:
     """Largest force or torque that the applied loads exert on each drive, N or N·m."""
     points: Mapping[str, bool] = field(default_factory=dict[str, bool])
     """Whether the mass of the sensor at a point of responses is stated, by point."""
+    channels: Mapping[str, str] = field(default_factory=dict[str, str])
+    """Point of each channel of responses: a direction in which motion is measured."""
 
     @property
     def shows_inertia(self) -> bool:

@@ -149,7 +149,7 @@ def change_robot(mechanism: Mechanism, influence: Influence) -> Mechanism:
 
 
 def add_payloads(mechanism: Mechanism, payloads: Sequence[Payload]) -> Mechanism:
-    """Return the mechanism with the payloads added to its bodies as point masses."""
+    """Return the mechanism with the payloads, and their own inertia, added to its bodies."""
     bodies = {body.name: body for body in mechanism.bodies}
     for payload in payloads:
         if not payload.mass and not payload.moments.any():
@@ -166,9 +166,13 @@ def add_payloads(mechanism: Mechanism, payloads: Sequence[Payload]) -> Mechanism
         away = payload.at + offset - centre
         middle = centre + away * (payload.mass / whole)
         own = np.zeros((3, 3)) if body.inertia is None else body.inertia
+        own = own + payload.inertia
         reduced = body.mass * payload.mass / whole
         inertia = own + reduced * (away @ away * np.eye(3) - np.outer(away, away))
-        if not np.linalg.eigvalsh(inertia)[0] > _HELD_MOMENT * np.abs(inertia).max():
+        least = np.linalg.eigvalsh(inertia)[0]
+        rounding = _HELD_MOMENT * np.abs(inertia).max()
+        # a point mass beside a point resists no turn about the line through both
+        if least < -rounding or (body.inertia is None and not least > rounding):
             inertia = body.inertia
         bodies[payload.body] = replace(body, mass=whole, centre=middle, inertia=inertia)
     return replace(mechanism, bodies=tuple(bodies.values()))

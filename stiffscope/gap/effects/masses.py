@@ -76,7 +76,10 @@ WHOLE = "robot"
 
 @dataclass(frozen=True)
 class Mass(Effect):
-    """Factor on the stated mass of bodies, acting at its stated place."""
+    """Factor on the stated mass of bodies, at its stated place, and on its moments of inertia.
+
+    It is as if the density were another: a mass mounted on the body is a payload.
+    """
 
     word = "mass"
     precedence = 25
@@ -134,10 +137,16 @@ class Mass(Effect):
         """Return the changes of mass as payloads, or the weight that is carried."""
         growth = float(values[0])
         if self.carried:
-            held = (replace(p, mass=0.0, carried=growth * p.mass) for p in self.stated)
+            held = (
+                replace(p, mass=0.0, carried=growth * p.mass, inertia=0.0 * p.inertia)
+                for p in self.stated
+            )
             return Influence(payloads=tuple(held), carried=growth)
         return Influence(
-            payloads=tuple(replace(p, mass=growth * p.mass) for p in self.stated)
+            payloads=tuple(
+                replace(p, mass=growth * p.mass, inertia=growth * p.inertia)
+                for p in self.stated
+            )
         )
 
 
@@ -158,9 +167,12 @@ def find_masses(robot: NominalRobot) -> dict[str, tuple[Payload, ...]]:
         places = [centre] if body.elastic is None else body.elastic.places
         nodes = [body.name] if body.elastic is None else body.nodes
         share = body.mass / len(places)
+        stated = body.inertia if body.elastic is None else None
+        own = np.zeros((3, 3)) if stated is None else stated
         ends = zip(nodes, places, strict=True)
         out[body.name] = tuple(
-            Payload(node, np.array(at), share, np.zeros(3)) for node, at in ends
+            Payload(node, np.array(at), share, np.zeros(3), inertia=own)
+            for node, at in ends
         )
     return out
 

@@ -142,7 +142,12 @@ class JointModel:
             for point in measured.setup.points:
                 known = points.get(point.name, True)
                 points[point.name] = known and point.mass is not None
-        return replace(self.readings.setting, points=points)
+        channels = {
+            response.motion.channel: response.motion.point
+            for measured in self.responses
+            for response in measured.responses
+        }
+        return replace(self.readings.setting, points=points, channels=channels)
 
     def admits(self, candidates: Sequence[Candidate]) -> bool:
         """Return whether the search may combine these effects."""

@@ -127,9 +127,24 @@ class JointPrediction:
             if setup not in changed:
                 changed[setup] = self._change(measured, added, elastic.payloads, extra)
             masses = list_masses(measured, extra)
-            state = ResponseState(block, mechanism, masses, changed=changed[setup])
+            state = ResponseState(
+                block,
+                mechanism,
+                masses,
+                changed=changed[setup],
+                gains=self._find_gains(measured),
+            )
             states.append(state)
         return tuple(states)
+
+    def _find_gains(self, measured: MeasuredResponses) -> Array:
+        """Return the gains (r,) of the channels of a set-up's responses."""
+        channels = [response.motion.channel for response in measured.responses]
+        out = np.ones(len(channels))
+        for influence in self.readings.influences:
+            excess = influence.response_gains
+            out *= [1.0 + excess.get(channel, 0.0) for channel in channels]
+        return out
 
     def _change(
         self,
@@ -224,6 +239,14 @@ class JointPrediction:
                     MassRate(point.body, at, float(rate), np.zeros(3)) for rate in rates
                 ]
                 out = out + state.load(heavier, count)
+        amplified = np.zeros((len(measured.responses), count))
+        for j, response in enumerate(measured.responses):
+            channel = response.motion.channel
+            rates = np.array([_find_gain_rate(step, channel) for step in steps])
+            now = 1.0 if state.gains is None else float(state.gains[j])
+            amplified[j] = rates / now
+        if amplified.any():
+            return state.derive(out) + state.amplify(amplified)
         return state.derive(out)
 
     @cached_property
@@ -249,4 +272,11 @@ def _find_payloads(step: Step) -> list[MassRate]:
 def _find_mass_rate(step: Step, point: str) -> float:
     (ahead, behind, width) = step
     more, less = (state.sensor_masses.get(point, 0.0) for state in (ahead, behind))
+    return (more - less) / width
+
+
+def _find_gain_rate(step: Step, channel: str) -> float:
+    """Return the derivative of a channel's gain by a parameter, of one effect."""
+    (ahead, behind, width) = step
+    more, less = (each.response_gains.get(channel, 0.0) for each in (ahead, behind))
     return (more - less) / width

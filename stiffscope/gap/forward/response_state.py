@@ -237,11 +237,11 @@ class MassRate:
 
 
 def _find_inertia(payload: Payload) -> Array:
-    """Return the inertia (3, 3) of a payload about its point: ``(|h|² 1 - h hᵀ) / m``."""
+    """Return the inertia (3, 3) of a payload about its point: ``J + (|h|² 1 - h hᵀ) / m``."""
     h = payload.moments
     if not payload.mass:
-        return np.zeros((3, 3))
-    return (h @ h * np.eye(3) - np.outer(h, h)) / payload.mass
+        return payload.inertia
+    return payload.inertia + (h @ h * np.eye(3) - np.outer(h, h)) / payload.mass
 
 
 @dataclass(frozen=True, eq=False)
@@ -411,6 +411,8 @@ class ResponseState:
         On it, besides the sensors' stated masses.
     changed
         Its modes in terms of those of the robot without changes; None: they are solved.
+    gains
+        Of the channels (r,); None: ones.
     """
 
     block: ResponseBlock
@@ -418,6 +420,7 @@ class ResponseState:
     masses: tuple[PointMass, ...] = ()
     settings: NuisanceSettings = SETTINGS
     changed: ChangedModes | None = None
+    gains: Array | None = None
     _twists: dict[Any, Any] = field(default_factory=dict[Any, Any])
     _fields: dict[Any, Any] = field(default_factory=dict[Any, Any])
 
@@ -522,9 +525,15 @@ class ResponseState:
 
     @cached_property
     def window(self) -> Complex:
-        """Factor (r, f) by which the window changes the lines of measured motions."""
+        """Factor (r, f) by which window and gains change the lines of measured motions."""
         line = 2j * np.pi * self.block.frequency
-        return (self.s / line) ** self._orders
+        return self._gains * (self.s / line) ** self._orders
+
+    @cached_property
+    def _gains(self) -> Array:
+        """Gains of the channels (r, 1)."""
+        count = len(self.block.measured.responses)
+        return (np.ones(count) if self.gains is None else self.gains)[:, None]
 
     @cached_property
     def _orders(self) -> Array:
@@ -651,7 +660,7 @@ class ResponseState:
         s = self.block.measured.decay + line
         received = self._receive(self._respond(self._fitted.damping, s), s)
         force, motion = self.pairs.T
-        return received[motion, force] * (s / line) ** self._orders
+        return self._gains * received[motion, force] * (s / line) ** self._orders
 
     def _respond(self, damping: _Damping, s: Complex) -> Complex:
         """Return the amplitudes (a, p, f) of near modes under unit forces at the ports."""
@@ -744,6 +753,11 @@ class ResponseState:
     def derive(self, columns: Complex) -> Array:
         """Return derivatives of the readings (n, k) of those of lines (r, f, k)."""
         shown = self.block.read(columns * self.window[..., None])
+        return self._spread[:, None] * self.share(shown * self.block.weight[..., None])
+
+    def amplify(self, rates: Array) -> Array:
+        """Return derivatives of the readings (n, k) by relative changes (r, k) of the gains."""
+        shown = self.block.read(self.lines[..., None] * rates[:, None])
         return self._spread[:, None] * self.share(shown * self.block.weight[..., None])
 
     def move(self, node: str, at: Array) -> Complex:

@@ -52,7 +52,8 @@ def _of_others(prediction: RobotReadings, step: Step) -> Array:
         moments = (more.moments - less.moments) / width
         force = (more.force - less.force) / width
         carried = (more.carried - less.carried) / width
-        rate = Payload(more.body, more.at, mass, moments, force, carried)
+        inertia = (more.inertia - less.inertia) / width
+        rate = Payload(more.body, more.at, mass, moments, force, carried, inertia)
         out += _of_payload(prediction, rate)
     out += _of_dead_zones(prediction, step)
     for drive, knee in ahead.knees.items():

@@ -19,6 +19,7 @@ from stiffscope.gap.campaign.measured_responses import DAMPING, MeasuredResponse
 from stiffscope.gap.campaign.response_header import MeasuredPoint, ResponseSetup
 from stiffscope.gap.campaign.response_lines import place_at_responses
 from stiffscope.gap.campaign.writing import write_campaign
+from stiffscope.gap.effects.response_gain import ResponseGain
 from stiffscope.gap.forward.joint_model import JointModel
 from stiffscope.gap.forward.response_model import predict_responses
 from stiffscope.gap.forward.robot_model import RobotModel
@@ -118,10 +119,15 @@ class HitProposal:
     bands: dict[str, tuple[float, float]]
     averages: int
     pairs: tuple[Answered, ...]
+    stands: dict[str, dict[str, Any]]
+    """How the robot stands at each posture, as in a campaign: its pose, or joints."""
 
 
 def propose_hits(
-    nominal: NominalRobot, question: str, settings: HitSettings = SETTINGS
+    nominal: NominalRobot,
+    question: str,
+    own: Sequence[MeasuredResponses] = (),
+    settings: HitSettings = SETTINGS,
 ) -> HitProposal:
     """Find few hits and accelerometers that answer a question.
 
@@ -131,14 +137,25 @@ def propose_hits(
         The robot with its parts' matrices.
     question
         As for `propose_plan`.
+    own
+        A test whose hits and channels are all taken, and no others; by default any of the usual.
+    settings
+        What may be used.
 
     Raises
     ------
     InputError
         The question names no possible and observable cause.
     """
-    points = _place_points(nominal, settings)
-    offered = _offer_responses(nominal, points, settings)
+    points = _list_points(own) if own else _place_points(nominal, settings)
+    if own:
+        offered = tuple(
+            response
+            for measured in own
+            for response in _expect_responses(nominal.mechanism, measured, settings)
+        )
+    else:
+        offered = _offer_responses(nominal, points, settings)
     model = _open_model(nominal, offered)
     prediction = model.predict()
     simple = [c for c in model.library if c.simple and len(c.scale) == len(c.names)]
@@ -152,7 +169,7 @@ def propose_hits(
         chosen, "--ask", "causes that a hammer test can distinguish", f"{question!r}"
     )
     kept = sorted({tuple(row) for row in rows[chosen].tolist()})
-    taken = _take_responses(offered, kept)
+    taken = offered if own else _take_responses(offered, kept)
     # what damping and channels follow depends on the responses that are there
     final = JointModel(model.readings, taken, known=model.library)
     left = pair_up(final, known, sides, settings.size)
@@ -201,27 +218,48 @@ def _offer_responses(
             continue
         setup = _describe_setup(name, points, settings)
         silent = _listen_nowhere(setup, points, found)
-        hertz = _choose_lines(mechanism, found, settings)
         ends = [Direction(point, axis) for point, axis in product(hit, range(3))]
-        own = replace(
-            silent,
-            responses=tuple(
-                _be_silent(force, motion, hertz) for force in ends for motion in motions
-            ),
-        )
-        values = predict_responses(mechanism, own, DAMPING).receptances
-        largest = max(float(np.abs(value).max()) for value in values)
-        heard = [
-            _measure(response, value, largest, settings)
-            for response, value in zip(own.responses, values, strict=True)
-        ]
-        count = len(motions)
-        out += [
-            replace(own, responses=tuple(heard[k : k + count]))
-            for k in range(0, len(heard), count)
-        ]
+        pairs = [(force, motion) for force in ends for motion in motions]
+        out += _hear(mechanism, silent, pairs, settings)
     require(out, "--ask", "a pose of the robot within reach", "none")
     return tuple(out)
+
+
+def _expect_responses(
+    mechanism: Mechanism, measured: MeasuredResponses, settings: HitSettings
+) -> list[MeasuredResponses]:
+    """Return what a test that was measured is expected to show at the lines of a plan."""
+    pairs = [(each.force, each.motion) for each in measured.responses]
+    return _hear(mechanism, measured, pairs, settings)
+
+
+def _list_points(own: Sequence[MeasuredResponses]) -> list[MeasuredPoint]:
+    """Return the points of tests at their home coordinates."""
+    points = {
+        point.name: replace(point, at=tuple(each.places[point.name].tolist()))
+        for each in reversed(own)
+        for point in each.setup.points
+    }
+    return list(points.values())
+
+
+def _hear(
+    mechanism: Mechanism,
+    silent: MeasuredResponses,
+    pairs: Sequence[tuple[Direction, Direction]],
+    settings: HitSettings,
+) -> list[MeasuredResponses]:
+    """Return the expected responses of pairs of force and motion, hit by hit."""
+    hertz = _choose_lines(mechanism, silent.configuration, settings)
+    responses = [_be_silent(force, motion, hertz) for force, motion in pairs]
+    whole = replace(silent, responses=tuple(responses))
+    values = predict_responses(mechanism, whole, DAMPING).receptances
+    largest = max(float(np.abs(value).max()) for value in values)
+    by_hit = dict[str, list[Response]]()
+    for response, value in zip(responses, values, strict=True):
+        heard = _measure(response, value, largest, settings)
+        by_hit.setdefault(str(response.force), []).append(heard)
+    return [replace(whole, responses=tuple(each)) for each in by_hit.values()]
 
 
 def _describe_setup(
@@ -290,7 +328,9 @@ def _open_model(
     coordinates = tuple(nominal.robot.tool.pose)
     nothing = Campaign.without_readings(nominal.robot.name, coordinates=coordinates)
     campaign = place_at_responses(nothing, responses)
-    return JointModel(RobotModel(campaign, nominal), responses)
+    # gains of the planned size are those that every channel may have
+    readings = RobotModel(campaign, nominal, without=ResponseGain.word)
+    return JointModel(readings, responses)
 
 
 def _number_rows(model: JointModel) -> Any:
@@ -331,6 +371,7 @@ def _describe(
         end.point for m in taken for r in m.responses for end in (r.force, r.motion)
     }
     taps: list[Tap] = []
+    stands: dict[str, dict[str, Any]] = {}
     bands: dict[str, tuple[float, float]] = {}
     for measured in taken:
         hit = measured.responses[0].force
@@ -339,11 +380,19 @@ def _describe(
         taps.append(Tap(name, hit, tuple(ears)))
         lines = measured.responses[0].frequency
         low = float(f"{settings.low * lines[0]:.2g}")
+        setup = measured.setup
+        stands[name] = (
+            {"joints": dict(setup.joints)}
+            if setup.pose is None
+            else {"pose": setup.pose}
+        )
         bands[name] = low, float(f"{settings.high * lines[-1]:.2g}")
     places = {
         p.name: (p.body, p.at or (0.0, 0.0, 0.0)) for p in points if p.name in used
     }
-    return HitProposal(places, tuple(taps), bands, settings.averages, tuple(pairs))
+    return HitProposal(
+        places, tuple(taps), bands, settings.averages, tuple(pairs), stands
+    )
 
 
 def write_hits(folder: Path, name: str, proposal: HitProposal) -> None:
@@ -364,7 +413,7 @@ def write_hits(folder: Path, name: str, proposal: HitProposal) -> None:
         used = {tap.hit.point for tap in taps} | {p for tap in taps for p in tap.listen}
         setups[pose] = {
             "file": f"{pose}.uff",
-            "pose": pose,
+            **proposal.stands[pose],
             "averages": proposal.averages,
             "band": [f"{hertz:g} Hz" for hertz in band],
             "points": {

@@ -11,7 +11,7 @@ from stiffscope.errors import say_count
 from stiffscope.gap.campaign.copies import find_copies
 from stiffscope.gap.campaign.kinds import KINDS
 from stiffscope.gap.campaign.quantities import WRENCH
-from stiffscope.gap.planning.candidates import ENOUGH
+from stiffscope.gap.planning.candidates import ENOUGH, NONE
 from stiffscope.gap.show.responses import (
     responses_json,
     show_responses,
@@ -47,6 +47,8 @@ PICTURES = {
 _PLURAL = {kind.name: kind.plural for kind in KINDS}
 _SHOWN = 24
 _PAIRS = 12  # rows shown in a table; further rows are only counted
+_FEW = 6  # causes of a question whose pairs are listed; of more, causes are
+_ALIKE = 3  # other causes listed that one looks like
 
 
 def plan_json(proposal: Proposal) -> dict[str, Any]:
@@ -108,7 +110,10 @@ def show_hits(proposal: HitProposal) -> None:
     ]
     columns = (("pose", "hit"), ("triaxial accelerometers at", "band Hz"))
     show_table("Hits", columns, rows)
-    _show_answers(proposal.pairs)
+    if len({pair.first for pair in proposal.pairs}) > _FEW:
+        _show_causes(proposal.pairs)
+    else:
+        _show_answers(proposal.pairs)
 
 
 def show_plan(proposal: Proposal, names: Sequence[str]) -> None:
@@ -131,12 +136,50 @@ def show_plan(proposal: Proposal, names: Sequence[str]) -> None:
     _show_answers(proposal.pairs)
 
 
+def _show_causes(pairs: Sequence[Answered]) -> None:
+    """Print, of each cause, whether it shows, and of how many others it is told apart.
+
+    Of several parameters, it takes one that is told; those that do not show at all are listed.
+    """
+    by_cause: dict[str, list[Answered]] = {}
+    for pair in pairs:
+        by_cause.setdefault(pair.first, []).append(pair)
+    rows: list[list[str]] = []
+    alone: list[str] = []
+    silent: list[str] = []
+    for cause, own in by_cause.items():
+        others = [pair for pair in own if pair.second != NONE]
+        alike = [pair.second for pair in others if pair.hidden and not pair.log_odds]
+        from_none = [pair for pair in own if pair.second == NONE]
+        if any(pair.hidden and not pair.log_odds for pair in from_none):
+            silent.append(cause)
+            continue
+        hidden = ", ".join(name for pair in from_none for name in pair.hidden)
+        if not alike:
+            alone.append(cause)
+        told = f"{len(others) - len(alike)} of {len(others)}"
+        listed = ", ".join(alike[:_ALIKE]) + (", …" if len(alike) > _ALIKE else "")
+        rows.append([cause, told, listed, hidden])
+    columns = (("cause",), ("told from", "not from", "not shown of it"))
+    show_table("What shows", columns, rows, prose=("cause", "not from"))
+    show_line(
+        f"Of {say_count(len(by_cause), 'cause')}, {len(alone)} can be told from all others; "
+        f"{len(rows) - len(alone)} show but look like others; {len(silent)} do not show."
+    )
+    if silent:
+        more = f" and {len(silent) - _PAIRS} more" if len(silent) > _PAIRS else ""
+        show_line(f"Not shown: {', '.join(silent[:_PAIRS])}{more}.")
+
+
 def _show_answers(pairs: Sequence[Answered]) -> None:
     asked, others = (
         [p for p in pairs if p.asked == wanted] for wanted in (True, False)
     )
     _show_pairs("The question: expected ln-odds if the first is true", asked)
     _show_pairs("Against other causes: the smallest", others)
+    for pair in [p for p in asked if p.hidden][:_PAIRS]:
+        cure = _cure(pair)
+        show_line(f"Not resolved: {pair.first} from {pair.second} ({cure})", "bold")
 
 
 def _show_pairs(title: str, pairs: Sequence[Answered]) -> None:

@@ -238,7 +238,9 @@ class Lab:
 
     def words(self) -> tuple[str, ...]:
         """Return the known effects that this robot can have."""
-        foreign = {"gravity"} if self.sound.gravity.any() else {"gravity", "payload"}
+        foreign = {"gravity"}
+        if not (self.sound.gravity.any() or self.robot.hammered):
+            foreign |= {"payload", "mass"}  # without weight, only motion shows them
         return tuple(
             effect for effect in KNOWN if effect not in foreign and self.places(effect)
         )

@@ -74,7 +74,10 @@ def show_robots(comparison: RobotComparison) -> None:
     show_line(f"  {PUSH_WORDS}")
     groups = [["pose"], ["component", "unit", first, second]]
     show_table("Sag under their own weight", groups, sags, prose=_WORDS)
-    masses = ("solids and rigid bodies", *_compare(comparison.mass, 1.0))
+    masses = (
+        "solids (volume × density) and rigid bodies",
+        *_compare(comparison.mass, 1.0),
+    )
     show_table("Mass", [["kg", first, second, "change"]], [masses])
 
 

@@ -56,14 +56,17 @@ class Frequencies(Predictor):
         payload: Payload,
         work: Array,
     ) -> Array:
-        """Return the derivatives (m,) by a payload's inertia: ``δf = -f (v · m v) / 2``."""
+        """Return the derivatives (m,) by a payload's inertia: ``δf = -f (v · m v + w · J w) / 2``."""
         del work
         at = prediction.at
         elastic = prediction.elastic_state
         v, w = np.split(elastic.twist_modes(payload.body, payload.at), 2, axis=1)
-        arm = at.configurations.frame(payload.body)[0][at.shaken] @ payload.moments
+        axes = at.configurations.frame(payload.body)[0][at.shaken]
+        arm = axes @ payload.moments
         turned = np.cross(w, arm[..., None], axis=1)
         inertia = payload.mass * np.square(v).sum(axis=1)
+        own = axes @ payload.inertia @ np.swapaxes(axes, 1, 2)
+        inertia = inertia + (w * (own @ w)).sum(axis=1)
         rate = inertia + 2.0 * (v * turned).sum(axis=1)
         return (-0.5 * elastic.frequencies * rate)[prediction.find_modes(rows)]
 
