@@ -22,7 +22,12 @@ Method = Literal["zero-order", "all-harmonics"]
 _A_LOBE = 6  # speeds for each lobe of the fastest mode, in the search for the worst
 _RESONANCE = 1.5  # damping ratios between two speeds, at most
 _MOST = 240
-_FIRST = 5  # speeds between those that are tried first
+_STRIDES = (
+    32,
+    8,
+    2,
+    1,
+)  # between the speeds of the range that are tried first, and later
 _ZOOMS = 2
 _SPLITS = 4  # speeds in each
 _GUIDES = 8  # poses between those of a sweep whose limits are searched without guesses
@@ -293,9 +298,12 @@ def worst_limits(
         speed[worse] = tried[poses, least][worse]
 
     # what is known of some speeds spares a search of all depths at the others
-    coarse = np.arange(0, count, _FIRST)
-    for some in (coarse, np.setdiff1d(np.arange(count), coarse)):
-        look(np.broadcast_to(speeds[some], (n, len(some))))
+    rest = np.arange(count)
+    for stride in _STRIDES:
+        some = rest[rest % stride == 0]
+        rest = rest[rest % stride != 0]
+        if some.size:
+            look(np.broadcast_to(speeds[some], (n, len(some))))
     for _ in range(_ZOOMS):
         step = apart ** np.linspace(-1.0, 1.0, _SPLITS + 2)[1:-1]
         look((speed[:, None] * step).clip(*ends))
