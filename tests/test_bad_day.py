@@ -289,14 +289,13 @@ def test_kills_at_random_moments_lose_and_leave_nothing(tmp_path, name):
     assert [case for case in cases if case[1]] == []
 
 
-@pytest.mark.extended
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.parametrize(
     ("name", "whom"),
     [
-        ("run", "mesher"),
-        ("study", "child"),
-        ("check", "child"),
+        pytest.param("run", "mesher", marks=pytest.mark.extended),
+        pytest.param("study", "child", marks=pytest.mark.long),
+        pytest.param("check", "child", marks=pytest.mark.extended),
     ],
 )
 def test_a_kill_loses_and_leaves_nothing(tmp_path, name, whom):

@@ -454,8 +454,8 @@ def _settle(loop: Loop, near: Array, omega: Array) -> tuple[Array, Array]:
     It is infinite where there is none.
     """
     pairs = np.arange(len(loop.delay))
-    depth = np.full(near.shape, np.inf)
-    angle = np.ones(depth.shape)
+    depth = np.full_like(near, np.inf)
+    angle = np.ones_like(near)
     one = np.ones(len(pairs))
     for k in range(depth.shape[1]):
         start = near[:, k]
