@@ -31,9 +31,8 @@ if TYPE_CHECKING:
     from stiffscope.vjm.model.screws import Array
     from stiffscope.vjm.network.network import Element
 
-MASSLESS = (
-    1e-10  # kg, and kg·m²: of bodies that carry none; MuJoCo has no bodies without
-)
+MASSLESS = 1e-14  # kg: of bodies that carry none; MuJoCo has no bodies without
+LEAST_INERTIA = 1e-10  # kg·m²: the same
 SITE = "tool"
 _FASTEST = 3e8  # rad/s, of a joint that closes a loop, on the springs that close it
 
@@ -216,7 +215,7 @@ def _set_mass(
     centre: Array,
     inertia: Array | None,
     place: Frame,
-    least: float = MASSLESS,
+    least: float = LEAST_INERTIA,
 ) -> None:
     """Give a body its mass, centre (3,) and inertia (3, 3) about it, both in base axes at home.
 
@@ -225,7 +224,7 @@ def _set_mass(
     turn = place.matrix()
     tensor = np.zeros((3, 3)) if inertia is None else turn.T @ inertia @ turn
     values, vectors = np.linalg.eigh(0.5 * (tensor + tensor.T))
-    values = values.clip(min=max(MASSLESS, least))
+    values = values.clip(min=max(LEAST_INERTIA, least))
     # MuJoCo wants moments of inertia that a solid can have.
     values[2] = min(values[2], values[0] + values[1])
     if np.linalg.det(vectors) < 0.0:

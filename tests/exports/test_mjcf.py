@@ -165,6 +165,27 @@ def test_gravity_acts_on_the_drives_as_here(tmp_path):
         assert -data.qfrc_bias[drive] == pytest.approx(moment, rel=1e-9)
 
 
+@pytest.mark.parametrize("name", ["delta", "stewart"])
+def test_bodies_without_a_mass_weigh_nothing(name, tmp_path):
+    wanted = order(load_robot(name))
+    model, data, _ = load(tmp_path, wanted)
+    found = wanted.asked.configurations
+    given = np.zeros(len(found))
+    right = np.zeros(len(found))
+    for k in range(len(found)):
+        mujoco.mj_resetDataKeyframe(model, data, k)
+        mujoco.mj_forward(model, data)
+        given[k] = -model.body_mass @ data.xipos @ model.opt.gravity
+        for body in wanted.assembled.mechanism.bodies:
+            centre = np.mean([found.frame(node)[1][k] for node in body.nodes], axis=0)
+            if body.elastic is None and body.mass:
+                rotation, position = found.frame(body.name)
+                centre = rotation[k] @ body.centre + position[k]
+            right[k] += body.mass * 9.81 * centre[2]
+    # virtual work of weight between poses: that of gravity torques along the way
+    assert given[1] - given[0] == pytest.approx(right[1] - right[0], rel=1e-11)
+
+
 @pytest.mark.parametrize(
     "law",
     [
