@@ -366,44 +366,13 @@ def interrupted_limits(
         range is searched otherwise.
     """
 
-    def settle(some: Indices) -> tuple[Array, Array]:
-        loop = _form_loop(response[some], cut, speeds[some])
-        depth, angle = _settle(loop, guesses[0][some], guesses[1][some])
-        possible = np.flatnonzero(np.isfinite(depth))
-        theta = _angles(loop, response[some])[possible]
-        certain = _is_least(loop[possible], theta, depth[possible], angle[possible])
-        depth[possible[~certain]] = np.inf
-        return depth, angle
+    def find(some: Indices) -> Limits:
+        guesses = None if near is None else (near[0][some], near[1][some])
+        return _find_limits(response[some], cut, speeds[some], scale[some], guesses)
 
-    def search(some: Indices) -> tuple[Array, Array]:
-        loop = _form_loop(response[some], cut, speeds[some])
-        size = scale[some]
-        curve = _characteristic(loop, _angles(loop, response[some]), size)
-        high = np.full(len(some), _HIGH)
-        depth, angle = _search(loop, curve, size, high, thorough=True)
-        return depth * size, angle
-
-    def describe(some: Indices) -> Limits:
-        return _describe_limits(
-            response[some], cut, speeds[some], depth[some], angle[some]
-        )
-
-    depth = np.full(len(speeds), np.inf)
-    angle = np.ones(len(speeds))
-    guesses = near or (np.empty(0), np.empty(0))
-    rest = np.isfinite(scale)
-    for find in (settle, search) if near else (search,):
-        some = np.flatnonzero(rest)
-        groups = [
-            some[alike] for alike in _group_alike(response[some], cut, speeds[some])
-        ]
-        for alike, found in zip(groups, _in_threads(find, groups), strict=True):
-            depth[alike], angle[alike] = found
-        rest = np.isfinite(scale) & np.isinf(depth)
     groups = list(_group_alike(response, cut, speeds))
-    parts = _in_threads(describe, groups)
-    order = np.argsort(np.concatenate(groups), kind="stable")
-    return join_limits(parts)[order]
+    limits = join_limits(_in_threads(find, groups))
+    return limits[np.argsort(np.concatenate(groups), kind="stable")]
 
 
 def _in_threads(
@@ -428,20 +397,39 @@ def _group_alike(
         start += len(some)
 
 
-def _describe_limits(
-    response: ToolResponse, cut: Engagement, speeds: Array, depth: Array, angle: Array
+def _find_limits(
+    response: ToolResponse,
+    cut: Engagement,
+    speeds: Array,
+    scale: Array,
+    near: tuple[Array, Array] | None,
 ) -> Limits:
-    """Return the limits at crossings (p,), m, and their angles, after their last polish."""
     loop = _form_loop(response, cut, speeds)
-    found = np.isfinite(depth)
+    theta = _angles(loop, response)
+    depth = np.full(len(speeds), np.inf)
+    angle = np.ones(len(speeds))
+    if near is not None:
+        depth, angle = _settle(loop, *near)
+        some = np.flatnonzero(np.isfinite(depth))
+        certain = _is_least(loop[some], theta[some], depth[some], angle[some])
+        depth[some[~certain]] = np.inf
+    rest = np.flatnonzero(np.isfinite(scale) & np.isinf(depth))
+    if rest.size:
+        part = loop[rest]
+        size = scale[rest]
+        curve = _characteristic(part, theta[rest], size)
+        high = np.full(len(rest), _HIGH)
+        found, angle[rest] = _search(part, curve, size, high, thorough=True)
+        depth[rest] = found * size
+    known = np.isfinite(scale) & np.isfinite(depth)
     value, angle, right, left = _polish(
-        loop, np.ones(len(depth)), np.where(found, depth, 1.0), angle
+        loop, np.ones(len(depth)), np.where(known, depth, 1.0), angle
     )
     return _describe(
         loop,
         response,
         speeds,
-        found=found,
+        found=known,
         depth=1.0 / value.real,
         angle=angle,
         vectors=(left, right),

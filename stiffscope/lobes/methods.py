@@ -22,12 +22,8 @@ Method = Literal["zero-order", "all-harmonics"]
 _A_LOBE = 6  # speeds for each lobe of the fastest mode, in the search for the worst
 _RESONANCE = 1.5  # damping ratios between two speeds, at most
 _MOST = 240
-_STRIDES = (
-    32,
-    8,
-    2,
-    1,
-)  # between the speeds of the range that are tried first, and later
+# between the speeds of the range that are tried first, and later
+_STRIDES = (32, 8, 2, 1)
 _ZOOMS = 2
 _SPLITS = 4  # speeds in each
 _GUIDES = 8  # poses between those of a sweep whose limits are searched without guesses

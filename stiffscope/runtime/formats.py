@@ -55,9 +55,8 @@ def to_dataframe(columns: Columns) -> pd.DataFrame:
     return pa.table(dict(columns)).to_pandas()
 
 
-RESOLVED = (
-    12  # decimal digits of the greatest number of a quantity; beyond is rounding noise
-)
+RESOLVED = 12
+"""Decimal digits of the greatest number of a quantity; what is beyond is rounding noise."""
 
 
 def round_off(*columns: Any, digits: int = RESOLVED) -> list[Any]:

@@ -140,9 +140,8 @@ def plant(cause, machine, pose, rng):
             )
             changed = changed.change({heavy.name: own})
             names = [f"mass @ {heavy.name}"]
-            if (
-                len(heavy.nodes) == 1 and not heavy.inertia.any()
-            ):  # as a point mass at its centre is
+            # a point mass at the body's centre changes the same
+            if len(heavy.nodes) == 1 and not heavy.inertia.any():
                 names.append(f"payload @ {heavy.name}")
             truth.append(names)
         elif part == "accelerometer":
