@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -11,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from docutils import nodes
 from docutils.parsers.rst import Directive
+from inline_pictures import embed_svg
 
 from stiffscope.cad.cross_sections import circle
 from stiffscope.fea.beam import timoshenko
@@ -197,14 +196,9 @@ class KnownAnswers(Directive):
         found: list[nodes.Node] = []
         for title, (draw, test) in SHOWN.items():
             section = nodes.section(ids=[nodes.make_id(title)])
-            drawn = io.BytesIO()
             with mpl.rc_context(STYLE):
                 figure, words = draw()
-                figure.savefig(drawn, format="svg", metadata={"Date": None})
-            address = f"data:image/svg+xml;base64,{base64.b64encode(drawn.getvalue()).decode()}"
-            picture = nodes.raw(
-                "", f'<img alt="{title}: {words}" src="{address}">', format="html"
-            )
+                picture = embed_svg(figure, f"{title}: {words}")
             said = nodes.paragraph(
                 "",
                 f"{words[0].upper()}{words[1:]}. ",

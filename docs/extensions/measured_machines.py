@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from typing import TYPE_CHECKING, Any
 
-from docutils import nodes
 from docutils.parsers.rst import Directive
+from inline_pictures import embed_svg
 
 from stiffscope.report.figures import AFTER, BEFORE, EFFECT, STYLE, new_figure
 
 if TYPE_CHECKING:
+    from docutils import nodes
     from matplotlib.axes import Axes
     from sphinx.application import Sphinx
 
@@ -84,19 +83,10 @@ class MeasuredMachines(Directive):
             (_draw_drives, "Stiffness of the KUKA's drives with intervals"),
             (_draw_beam, "What is left of the beam's first frequency by cause"),
         ):
-            stream = io.BytesIO()
             with mpl.rc_context(STYLE):
                 figure = new_figure(4.6, 2.9, "")
                 draw(figure.subplots())
-                figure.savefig(stream, format="svg", metadata={"Date": None})
-            source = base64.b64encode(stream.getvalue()).decode()
-            found.append(
-                nodes.raw(
-                    "",
-                    f'<img alt="{words}" src="data:image/svg+xml;base64,{source}">',
-                    format="html",
-                )
-            )
+                found.append(embed_svg(figure, words))
         return found
 
 
