@@ -24,6 +24,7 @@ from stiffscope.cad.built_assembly import read_built
 from stiffscope.cad.contacts import find_contacts
 from stiffscope.cad.materials import MATERIALS
 from stiffscope.errors import InputError
+from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.imports.assembly_parts import choose_materials
 from stiffscope.imports.contact_joints import find_joints
 from stiffscope.imports.hardware import find_hardware
@@ -33,6 +34,8 @@ from stiffscope.imports.part_estimates import estimate_part
 from stiffscope.imports.said import Said, said_beside
 from stiffscope.robot.inspection import inspect_robot
 from stiffscope.robot.reader import load_robot
+from stiffscope.runtime.workshop import workshop
+from stiffscope.vjm.statics.analysis import stiffness
 from tests.experiments.one_part import write_bar
 from tests.imports import assemblies
 
@@ -854,6 +857,31 @@ def test_a_rod_in_end_blocks_is_held_by_them_and_bends_between_its_joints(
     long = (280 - 2 * 20 - 50) / 2
     expected = sorted(2 * np.pi * 5 * each for each in (20, 20, 50, long, long))
     assert areas == pytest.approx([1e-6 * each for each in expected], rel=1e-9)
+
+
+@pytest.fixture(scope="module")
+def gantry(tmp_path_factory):
+    """The gantry as imported, without further words."""
+    folder = tmp_path_factory.mktemp("gantry")
+    assemblies.gantry().write(folder / "gantry.step")
+    said = Said(ground="base", tool="head", material=("*=steel",))
+    return import_assembly(folder / "gantry.step", folder / "gantry.toml", said)
+
+
+def test_rods_of_a_gantry_are_named_as_its_softest_parts(gantry):
+    assert not any(doubt.warning for doubt in gantry.doubts)
+    softest = next(n for n in gantry.model.notes if n.startswith("softest parts"))
+    assert re.findall(r"(\w+) \(", softest)[:2] == ["rod1", "rod2"]
+
+
+@pytest.mark.long
+def test_a_gantry_is_as_stiff_as_its_rods(gantry):
+    """Rods of 280 x 10 mm clamped at both ends: 192 EI/L^3 = 1.44 N/um, with the middle 50 mm held 2.9."""
+    robot = load_robot(gantry.file)
+    with workshop() as shop:
+        found = assemble_robots({"": robot}, None, shop, whole=False)[""]
+    matrix = stiffness(found.mechanism, [robot.poses["home"]])[0]
+    assert 2.9e6 < matrix[2, 2] < 5.8e6
 
 
 def test_equal_rods_in_halves_of_blocks_are_one_part(tmp_path):
