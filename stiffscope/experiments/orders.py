@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from stiffscope.cad.solid import Placement, SolidParameters
 
 LIBRARIES = (
-    "build123d",
     "cadquery-ocp-novtk",
     "pytetwild",
     "scikit-fem",

@@ -298,7 +298,8 @@ def _folder_of(
         arrays |= {"stiffness": state.matrix, "sag": state.sag}
         np.savez_compressed(folder / "matrices.npz", **arrays)
         write_json(folder / "robot.json", plain_robot(now.robot))
-        write_pictures(order_run(now, folder), shop.cache, manifest)
+        orders = order_run(now, folder)
+        write_pictures(orders, shop.cache, shop.executor, manifest)
         manifest.seconds["robot"] = manifest.measure_elapsed() - manifest.seconds.get(
             "parts", 0.0
         )
