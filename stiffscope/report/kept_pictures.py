@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic_core import to_jsonable_python
 
-from stiffscope.experiments.experiments import EXPERIMENT
+from stiffscope.experiments.making import EXPERIMENT
 from stiffscope.registry import registered
 from stiffscope.report.pictures import (
     PictureError,

@@ -10,6 +10,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from stiffscope.errors import InputError, StiffscopeError
+from stiffscope.runtime.collection import no_collection
 from stiffscope.runtime.executor import KILLED, LateError, Processes, WorkerError
 
 if TYPE_CHECKING:
@@ -107,8 +108,9 @@ def _draw_now(
     picture: str, targets: tuple[Path, ...], arguments: dict[str, Any]
 ) -> None:
     """Draw in this process, or only load the libraries for it ("warm_up")."""
-    from stiffscope.report.drawing.part import part_pictures, stressed_part
-    from stiffscope.report.drawing.robot import robot, warm_up
+    with no_collection():
+        from stiffscope.report.drawing.part import part_pictures, stressed_part
+        from stiffscope.report.drawing.robot import robot, warm_up
 
     known: dict[str, Any] = {
         f.__name__: f for f in (part_pictures, stressed_part, robot, warm_up)

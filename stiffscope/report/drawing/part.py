@@ -5,7 +5,6 @@ from __future__ import annotations
 from itertools import chain, cycle, islice, product
 from typing import TYPE_CHECKING
 
-import meshio
 import numpy as np
 import pyvista as pv
 from matplotlib.patches import Patch
@@ -132,6 +131,8 @@ def stressed_part(
     node
         Node with the greatest stress.
     """
+    import meshio
+
     mesh = load_experiment(experiment).mesh
     fields = meshio.read(field).point_data
     motion = fields["displacement"]

@@ -23,7 +23,8 @@ from stiffscope.experiments.assembly import (
     stiffness_bars,
     stiffness_json,
 )
-from stiffscope.experiments.experiments import EXPERIMENT, FIELDS, compliance_json
+from stiffscope.experiments.experiments import compliance_json
+from stiffscope.experiments.making import EXPERIMENT, FIELDS
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.experiments.watching import (
     changes,
