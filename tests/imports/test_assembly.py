@@ -51,7 +51,9 @@ STANDING = {  # place (mm, degrees), unit and whether solids have names
 }
 
 
-@pytest.mark.extended_for("3-prs", "delta", "dovetail", "finger", "hexapod", "slider")
+@pytest.mark.extended_for(
+    "3-prs", "delta", "dovetail", "finger", "hexapod", "slider", "five-bar", "gears"
+)
 @pytest.mark.parametrize("machine", STANDING)
 def test_every_joint_is_found_and_none_invented(machine, tmp_path):
     where, turns, unit, named = STANDING[machine]
@@ -500,6 +502,7 @@ def test_what_is_no_assembly_of_build123d_is_refused(given, message, tmp_path):
     assert not [*tmp_path.iterdir()]
 
 
+@pytest.mark.extended
 def test_a_new_export_says_what_changed(tmp_path):
     made = assemblies.lever()
     out = tmp_path / "robot.toml"
