@@ -60,7 +60,8 @@ class NuisanceSettings:
         Distance of close modes, relative to frequency, over their damping ratio: twice the
         half-power width.
     heard
-        Height of a mode's peak over the noise from which its damping is fitted.
+        Change of a line by twice the damping of a mode, over the noise of all responses, from which
+        it is fitted.
     rounds
         Most steps of the fit of damping.
     step
@@ -72,7 +73,8 @@ class NuisanceSettings:
     least, most
         Range of damping ratios.
     beside
-        Modes whose damping is fitted: from the lowest line over, to the highest times this.
+        Modes whose damping is fitted, where heard: from the lowest line over, to the highest times
+        this.
     static
         Frequency of modes over the highest line from which inertial loads are left out of
         derivatives.
@@ -94,7 +96,7 @@ class NuisanceSettings:
     share: float = 0.01
     least: float = 1e-5
     most: float = 0.3
-    beside: float = 1.15
+    beside: float = 4.0
     static: float = 4.0
     far: float = 10.0
 
@@ -578,13 +580,16 @@ class ResponseState:
             hertz < lines[-1] * limits.beside
         )
         modes = np.flatnonzero(beside)
-        # the peak of each mode, 1/(2 ζ k), in the responses over their noise nearby
+        # of g = 1/(k - ω² m + 2 i ζ ω √(k m)), by the logarithm of ζ, at the line nearest to the mode
         at = np.abs(np.log(hertz[modes, None] / lines)).argmin(axis=1)
+        x = lines[at] / hertz[modes]
+        slope = 2.0 * ratio * x / ((1.0 - x**2) ** 2 + (2.0 * ratio * x) ** 2)
         force, motion = self.pairs.T
         nearest = self._near[modes]
         part = self.ports[force][:, nearest] * self.ports[motion][:, nearest]
-        peak = np.abs(part) / (2.0 * ratio * self.modes.stiffness[nearest])
-        heard = np.any(peak > limits.heard * self.block.noise[:, at], axis=0)
+        change = part * slope / self.modes.stiffness[nearest]
+        told = np.linalg.norm(change / self.block.noise[:, at], axis=0)
+        heard = told > limits.heard
         fitted = modes[heard]
         apart = np.abs(np.log(hertz[fitted, None] / hertz[fitted]))
         close = np.argwhere(np.triu(apart < limits.close * ratio, 1))
