@@ -8,14 +8,17 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:
-    from stiffscope.cad import kernel, kernel_files, validity
+from stiffscope.runtime.collection import no_collection
 
-__all__ = ["kernel", "kernel_files", "validity"]
+if TYPE_CHECKING:
+    from stiffscope.cad import drawing, kernel, kernel_files, validity
+
+__all__ = ["drawing", "kernel", "kernel_files", "validity"]
 
 
 def __getattr__(name: str) -> Any:
     """Load a module of the CAD kernel on first use."""
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return import_module(f"{__name__}.{name}")
+    with no_collection():
+        return import_module(f"{__name__}.{name}")

@@ -8,8 +8,7 @@ from abc import abstractmethod
 from dataclasses import dataclass, fields
 from typing import Annotated, Any
 
-import numpy as np
-
+from stiffscope import cad
 from stiffscope.cad.checks import GAP, length, mm, require
 from stiffscope.cad.cross_sections import Section, box, channel, circle, i_section
 from stiffscope.cad.solid import SolidParameters
@@ -63,17 +62,13 @@ class BeamParameters(SolidParameters):
 
     def draw(self) -> Any:
         """See `SolidParameters`."""
-        from build123d import Plane, extrude
-
-        return extrude(Plane.YZ * self.section(), 1e3 * self.length)
+        return cad.drawing.extrude_along_x(self.section(), 1e3 * self.length)
 
     def section(self) -> Any:
-        """Return the section as a build123d sketch, mm."""
-        from build123d import Polygon
-
-        loops = (1e3 * np.array(loop) for loop in self.outline())
-        border, *holes = (Polygon(*map(tuple, loop), align=None) for loop in loops)
-        return border - holes if holes else border
+        """Return the section as a plane face at x = 0, mm."""
+        loops = [[(0.0, 1e3 * y, 1e3 * z) for y, z in loop] for loop in self.outline()]
+        border, *holes = map(cad.drawing.polygon, loops)
+        return cad.drawing.plane_face(border, holes)
 
 
 @dataclass(frozen=True)
@@ -107,9 +102,9 @@ class TubeParameters(BeamParameters):
 
     def section(self) -> Any:
         """See `BeamParameters`."""
-        from build123d import Circle
-
-        return Circle(1e3 * self.radius) - Circle(1e3 * (self.radius - self.wall))
+        radii = 1e3 * self.radius, 1e3 * (self.radius - self.wall)
+        border, hole = map(cad.drawing.circle_about_x, radii)
+        return cad.drawing.plane_face(border, [hole])
 
 
 @dataclass(frozen=True)

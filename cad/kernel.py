@@ -1,8 +1,7 @@
 """Queries of faces and edges through Open CASCADE, build123d's CAD kernel. Lengths in mm.
 
-Parts are modelled with build123d; queries of existing solids only need the kernel, which imports
-four times as fast. A build123d shape wraps a kernel shape (`shape.wrapped`);
-`build123d.Solid(shape)` wraps one. Slow to import (0.5 to 1.5 s): import it inside functions.
+A build123d shape wraps a kernel shape (`shape.wrapped`); `build123d.Solid(shape)` wraps one.
+Slow to import (0.5 to 1.5 s): import it inside functions.
 """
 
 # pyright: reportAttributeAccessIssue=false

@@ -6,6 +6,7 @@ Axes: x from the clamped end at x = 0 to the loaded end, whose centre is the ref
 from dataclasses import dataclass
 from typing import Annotated, Any
 
+from stiffscope import cad
 from stiffscope.cad.checks import (
     GAP,
     length,
@@ -106,8 +107,6 @@ class LinkParameters(SolidParameters):
 
     def draw(self) -> Any:
         """See `SolidParameters`."""
-        from build123d import Axis, Polygon, revolve
-
         outer = self.radius
         thick = self.fitting_radius
         top = [(0.0, outer), (self.length, outer)]
@@ -117,5 +116,5 @@ class LinkParameters(SolidParameters):
             top = [(0.0, thick), (first, thick), (first, outer)]
             top += [(second, outer), (second, thick), (self.length, thick)]
         corners = [(0.0, self.bore / 2), *top, (self.length, self.bore / 2)]
-        section = Polygon(*((1e3 * x, 1e3 * r) for x, r in corners), align=None)
-        return revolve(section.face(), Axis.X)
+        section = cad.drawing.polygon([(1e3 * x, 1e3 * r, 0.0) for x, r in corners])
+        return cad.drawing.revolve_about_x(cad.drawing.plane_face(section))

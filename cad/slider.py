@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
+from stiffscope import cad
 from stiffscope.cad.checks import (
     FINEST,
     GAP,
@@ -34,9 +35,7 @@ from stiffscope.cad.solid import (
 from stiffscope.errors import InputError
 
 if TYPE_CHECKING:
-    from build123d import Edge
-
-    from stiffscope.cad.kernel import Solid
+    from stiffscope.cad.kernel import Edge, Solid
 
 _TOLERANCE = 1e-6  # mm
 PAD_HEIGHT = 1 / 4  # of the thickness, for joint pads if the part has none
@@ -187,42 +186,41 @@ class SliderParameters(SolidParameters):
 
     def draw(self) -> Any:
         """See `SolidParameters`. Raises InputError if the CAD kernel cannot make the fillet."""
-        from build123d import Align, Box, Cylinder, Pos, fillet
-
         depth, width, thickness = (
             1e3 * v for v in (self.depth, self.width, self.thickness)
         )
-        outwards = (Align.MIN, Align.CENTER, Align.CENTER)
-        below = (Align.MIN, Align.CENTER, Align.MIN)
-        centred = (Align.CENTER, Align.CENTER, Align.MIN)
-        solid = Box(depth, width, thickness, align=outwards)
-        pad = 1e3 * self.pad_height, 1e3 * self.pad_width, thickness
+        half = thickness / 2
+        solid = cad.drawing.box((0, -width / 2, -half), (depth, width, thickness))
+        high, wide = 1e3 * self.pad_height, 1e3 * self.pad_width
         for y in self.pad_positions:
-            solid += Pos(depth, 1e3 * y, 0) * Box(*pad, align=outwards)
+            corner = depth, 1e3 * y - wide / 2, -half
+            pad = cad.drawing.box(corner, (high, wide, thickness))
+            solid = cad.drawing.unite(solid, pad)
         rib = self.rib_length, self.rib_thickness, self.rib_height
         length, bar, height = (1e3 * v for v in rib)
         for y in self.rib_positions:
-            nose = Pos(length - bar / 2, 0, 0) * Cylinder(
-                bar / 2, height, align=centred
-            )
-            straight = Box(length - bar / 2, bar, height, align=below)
-            solid += Pos(0, 1e3 * y, thickness / 2) * (straight + nose)
+            end = length - bar / 2
+            nose = cad.drawing.cylinder((end, 1e3 * y, half), bar / 2, height)
+            corner = 0, 1e3 * y - bar / 2, half
+            straight = cad.drawing.box(corner, (end, bar, height))
+            solid = cad.drawing.unite(solid, cad.drawing.unite(straight, nose))
         if self.fillet:
             roots = [
                 edge
-                for edge in solid.edges()
+                for edge in cad.kernel.edges(solid)
                 if _is_root(edge, depth, width, thickness)
             ]
             try:
-                solid = fillet(roots, 1e3 * self.fillet)
+                solid = cad.drawing.fillet(solid, roots, 1e3 * self.fillet)
             except ValueError as error:
                 got = f"got {mm(self.fillet)}; {error}"
                 raise InputError(
                     f"slider.fillet: expected a smaller radius, {got}"
                 ) from error
         for y in self.hole_positions:
-            hole = Cylinder(500 * self.hole_diameter, 2 * thickness)
-            solid -= Pos(1e3 * self.hole_offset, 1e3 * y, 0) * hole
+            base = 1e3 * self.hole_offset, 1e3 * y, -thickness
+            hole = cad.drawing.cylinder(base, 500 * self.hole_diameter, 2 * thickness)
+            solid = cad.drawing.subtract(solid, hole)
         return solid
 
     def select_ends(
@@ -361,9 +359,6 @@ def _check_pads(slider: SliderParameters) -> None:
 
 def _is_root(edge: "Edge", depth: float, width: float, thickness: float) -> bool:
     """Return whether an edge is inside the outline on the plate's underside: at a rib's root."""
-    middle = edge.position_at(0.5)
-    inside = (
-        _TOLERANCE < middle.X < depth - _TOLERANCE
-        and abs(middle.Y) < width / 2 - _TOLERANCE
-    )
-    return abs(middle.Z - thickness / 2) < _TOLERANCE and inside
+    x, y, z = cad.kernel.middle_of_edge(edge)
+    inside = _TOLERANCE < x < depth - _TOLERANCE and abs(y) < width / 2 - _TOLERANCE
+    return abs(z - thickness / 2) < _TOLERANCE and inside

@@ -258,7 +258,7 @@ class SolidParameters(ABC):
         return {"width": width, "thickness": thickness}
 
     def draw(self) -> Any:
-        """Return the shape as a build123d object, mm."""
+        """Return the shape, drawn with `stiffscope.cad.drawing`, mm."""
         raise NotImplementedError
 
     def select_ends(self, solid: Any) -> tuple[frozenset[int], tuple[Interface, ...]]:
@@ -291,7 +291,7 @@ def build(
     InputError
         If the CAD kernel cannot make the solid.
     """
-    solid = cad.validity.valid_solid(parameters.draw().wrapped, name)
+    solid = cad.validity.valid_solid(parameters.draw(), name)
     return Part(name, solid, material, *parameters.select_ends(solid))
 
 

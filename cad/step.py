@@ -10,8 +10,6 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import meshio
-
 from stiffscope import cad
 from stiffscope.cad.materials import STEEL, AnyMaterial
 from stiffscope.cad.part import Part, tessellate
@@ -214,5 +212,7 @@ def write_step(part: Part, path: str | Path) -> None:
 def write_stl(part: Part, path: str | Path) -> None:
     """Write the part's surface as binary STL, in mm and part axes, to 0.05 mm and 0.2 rad."""
     vertices, triangles, _ = tessellate(part.solid, 5e-5, 0.2)
+    import meshio
+
     mesh = meshio.Mesh(vertices * 1e3, [("triangle", triangles)])
     mesh.write(path, file_format="stl", binary=True)

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from xml.sax.saxutils import escape
 
-import meshio
 import numpy as np
 from scipy.io import mmwrite
 from scipy.linalg import block_diag
@@ -70,6 +69,8 @@ def write_fields(mesh: TetMesh, path: Path, fields: Mapping[str, np.ndarray]) ->
         np.full(len(mesh.cells), -1, dtype=np.int64),
         mesh.facet_face.astype(np.int64),
     ]
+    import meshio
+
     meshio.Mesh(
         mesh.points, cells, point_data=dict(fields), cell_data={"face": faces}
     ).write(path, file_format="vtu")

@@ -24,6 +24,7 @@ from stiffscope.errors import (
     suggest,
 )
 from stiffscope.registry import SUBJECTS, commands
+from stiffscope.runtime.collection import no_collection
 from stiffscope.runtime.output import FULL
 from stiffscope.runtime.reading import describe_cause, show_path
 from stiffscope.runtime.signals import STOPS
@@ -52,7 +53,9 @@ class LazyGroup(click.Group):
         known = commands().get(cmd_name)
         if known is None:
             return None
-        for defined in vars(import_module(known.module)).values():
+        with no_collection():
+            module = import_module(known.module)
+        for defined in vars(module).values():
             if isinstance(defined, click.Command) and defined.name == cmd_name:
                 return defined
         raise StiffscopeError(f"{known.module}: defines no command {cmd_name}")

@@ -28,7 +28,7 @@ from stiffscope.design.responses import (
 from stiffscope.errors import InputError, require
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.experiments.masses import mass_of_solids
-from stiffscope.experiments.orders import LIBRARIES
+from stiffscope.experiments.part_order import LIBRARIES
 from stiffscope.lobes.chatter import critical_along, files_of
 from stiffscope.path.along import along
 from stiffscope.robot.file.part_sections import StepPart

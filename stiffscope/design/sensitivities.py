@@ -12,7 +12,8 @@ import numpy as np
 
 from stiffscope.design.sensitivity import poses_of, robot_sensitivity
 from stiffscope.experiments.assembly import check_one_interface
-from stiffscope.experiments.experiments import EXPERIMENT, solve_parts
+from stiffscope.experiments.experiments import solve_parts
+from stiffscope.experiments.making import EXPERIMENT
 from stiffscope.experiments.orders import order_part
 from stiffscope.fea.derivatives import Derivative, PartSensitivity
 from stiffscope.fea.experiment import load_experiment
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
     from stiffscope.cad.part import Part
     from stiffscope.design.sensitivity import Sensitivity
-    from stiffscope.experiments.orders import PartOrder
+    from stiffscope.experiments.part_order import PartOrder
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.part_matrices import Components
     from stiffscope.runtime.cache import Cache

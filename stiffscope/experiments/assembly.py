@@ -11,7 +11,8 @@ import numpy as np
 
 from stiffscope.cad.checks import mm
 from stiffscope.errors import InputError
-from stiffscope.experiments.experiments import describe_solid, solve_parts
+from stiffscope.experiments.experiments import solve_parts
+from stiffscope.experiments.making import describe_solid
 from stiffscope.experiments.orders import build_part, name_lines, order_part
 from stiffscope.registry import load, slices
 from stiffscope.robot.checks import SAME_LENGTH
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
 
     from stiffscope.cad.part import Part
     from stiffscope.experiments.experiments import PartResult
-    from stiffscope.experiments.orders import PartOrder
+    from stiffscope.experiments.part_order import PartOrder
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.part_matrices import Components, PartMatrix
     from stiffscope.runtime.workshop import Workshop

@@ -11,13 +11,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from stiffscope.cad.faces import face_geometries
-from stiffscope.cad.part import mass_properties
-from stiffscope.cad.step import write_step, write_stl
 from stiffscope.errors import InputError, require
+from stiffscope.experiments.making import EXPERIMENT, SOLID, make_part
 from stiffscope.fea.experiment import load_experiment
-from stiffscope.fea.export import write_vtu
-from stiffscope.fea.mesh import MeshError
 from stiffscope.robot.part_matrices import beam_compliance
 from stiffscope.runtime.cache import CONDENSED, MOVED, WHOLE
 from stiffscope.runtime.executor import LateError
@@ -26,12 +22,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
     from pathlib import Path
 
-    from stiffscope.cad.part import Part
-    from stiffscope.experiments.orders import PartOrder
+    from stiffscope.experiments.part_order import PartOrder
     from stiffscope.fea.experiment import Experiment
     from stiffscope.robot.file.description import RobotFile
-    from stiffscope.runtime.cache import Cache
-    from stiffscope.runtime.types import Progress
     from stiffscope.runtime.workshop import Workshop
 
 log = logging.getLogger(__name__)
@@ -46,9 +39,6 @@ DYNAMICS = (
     "mode_squares_error",
     "condensed_mass",
 )
-EXPERIMENT = "experiment.npz"
-SOLID = "solid.json"
-FIELDS = "fields.vtu"
 
 
 @dataclass(frozen=True)
@@ -212,7 +202,7 @@ def solve_parts(
         else:
             results[order] = replace(held, seconds=time.perf_counter() - begun)
     if missing:
-        make = partial(_make_part, whole=whole, near=near or {}, skip=skip)
+        make = partial(make_part, whole=whole, near=near or {}, skip=skip)
         for order, (folder, seconds) in _make_missing(missing, shop, make).items():
             if folder is not None:
                 result = _read(order, folder, whole=whole, reused=False)
@@ -264,99 +254,6 @@ def _read(order: PartOrder, folder: Path, *, whole: bool, reused: bool) -> PartR
         reused=reused,
         seconds=0.0,
     )
-
-
-def _make_part(
-    order: PartOrder,
-    cache: Cache,
-    report: Progress,
-    *,
-    whole: bool,
-    near: Mapping[str, PartResult],
-    skip: bool,
-) -> tuple[Path | None, float]:
-    """Run and cache an experiment, perhaps in a child process; return its folder and seconds."""
-    begun = time.perf_counter()
-    folder = None
-    try:
-        part, experiment = _test(
-            order, cache, report, whole=whole, near=near.get(order.label)
-        )
-        kind = WHOLE if whole else MOVED if experiment.moved else CONDENSED
-        write = partial(_write, part, experiment, whole=whole)
-        folder = cache.put(kind, order.key(), write)
-    except InputError as error:
-        if not skip:
-            if isinstance(error, MeshError):  # named like errors of fields
-                name = f"{order.label}."
-                raise MeshError(name + str(error).removeprefix(name)) from error
-            raise
-        log.debug("left out: %s", error)
-    report("done", 1.0)
-    return folder, time.perf_counter() - begun
-
-
-def _test(
-    order: PartOrder,
-    cache: Cache,
-    report: Progress,
-    *,
-    whole: bool,
-    near: PartResult | None,
-) -> tuple[Part, Experiment]:
-    from stiffscope.fea.run import run_experiment
-
-    begun = time.perf_counter()
-    report("cad", 0.02)
-    part = order.build()
-    built = time.perf_counter() - begun
-    kinds = [CONDENSED] if whole else []
-    former = cache.load(
-        kinds,
-        order.key(),
-        lambda held: load_experiment(held / EXPERIMENT, fields=False),
-    )
-    moved = near is not None and order.moves_from(near.order)
-    experiment = run_experiment(
-        part,
-        order.settings,
-        lambda stage, fraction: report(stage, 0.1 + 0.85 * fraction),
-        former=former,
-        near=(near.order.build(), near.experiment.mesh) if near and moved else None,
-        whole=whole,
-    )
-    experiment.seconds["cad"] += built
-    report("files", 0.97)
-    return part, experiment
-
-
-def _write(part: Part, experiment: Experiment, folder: Path, *, whole: bool) -> None:
-    """Write the files of an experiment; fields and solid only if it is whole."""
-    experiment.save(folder / EXPERIMENT)
-    (folder / SOLID).write_text(json.dumps(describe_solid(part)))
-    if whole:
-        write_vtu(experiment, folder / FIELDS)
-        write_step(part, folder / f"{part.name}.step")
-        write_stl(part, folder / f"{part.name}.stl")
-
-
-def describe_solid(part: Part) -> dict[str, Any]:
-    """Return a CAD solid's properties, SI: mass, inertia, clamp's centre, interfaces' faces."""
-    solid = mass_properties(part)
-    interfaces = (part.clamped, *(port.faces for port in part.loaded))
-    held = [face for face in face_geometries(part.solid) if face.index in part.clamped]
-    areas = [face.area for face in held]
-    centres = [face.centroid for face in held]
-    return {
-        "mass": solid.mass,
-        "mass_centre": list(map(float, solid.centre)),
-        "inertia": [list(map(float, row)) for row in solid.inertia],
-        "clamped_centre": np.average(centres, axis=0, weights=areas).tolist(),
-        "faces": {
-            name: sorted(map(int, faces))
-            for name, faces in zip(part.names, interfaces, strict=True)
-        },
-    }
 
 
 def compliance_json(robot: RobotFile, result: PartResult) -> dict[str, Any]:

@@ -9,7 +9,7 @@ import sys
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from stiffscope.experiments import orders
+from stiffscope.experiments import part_order
 from stiffscope.runtime import output
 from stiffscope.runtime.cache import library_version
 from stiffscope.runtime.json_text import encodable, to_json
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from stiffscope.robot.file.description import RobotFile
 
-LIBRARIES = (*orders.LIBRARIES, "pyvista", "vtk", "matplotlib", "pydantic", "pint")
+LIBRARIES = (*part_order.LIBRARIES, "pyvista", "vtk", "matplotlib", "pydantic", "pint")
 
 
 @dataclass

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from stiffscope.cad.materials import AnyMaterial
     from stiffscope.experiments.assembly import Assembled
-    from stiffscope.experiments.orders import PartOrder
+    from stiffscope.experiments.part_order import PartOrder
     from stiffscope.runtime.types import Array
     from stiffscope.runtime.workshop import Workshop
 

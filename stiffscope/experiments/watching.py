@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 PERIOD = 0.05  # s, polling interval
 GONE = 1.0  # s for which editors may leave a file missing or empty while they save it
 HEAVY = (
-    "build123d",
+    "stiffscope.cad.drawing",
     "stiffscope.cad.step",
     "stiffscope.fea.run",
     "stiffscope.fea.adapt",

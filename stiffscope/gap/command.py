@@ -104,7 +104,7 @@ def diagnose(
             orders = [order_figures(diagnosis, folder)]
             if nominal and ahead and (found := configure_case(case, nominal)):
                 orders += order_shares(nominal, diagnosis, found, folder, ahead)
-            write_pictures(orders, shop.cache, manifest)
+            write_pictures(orders, shop.cache, shop.executor, manifest)
 
         def carry() -> None:
             if adopt is None or nominal is None:

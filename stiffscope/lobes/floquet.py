@@ -57,7 +57,11 @@ _NEWTON = 4
 _POLISH = 4  # steps to the exact crossing
 _WITHIN = 0.1  # relative change of the depth by polishing, at most
 _NEAR = 0.5  # the same from a guess
-_SETTLED = 1e-6  # imaginary part of 1/b, relative
+_SETTLED = 1e-4  # last step of an angle, rad: of a crossing that was found,
+_EXACT = 1e-9  # and of one that needs no more
+_AGREE = 0.02  # relative difference of guesses that lead to the same crossing
+_DESCENTS = 3  # from one crossing to another below,
+_BEYOND = 2.0  # or from a depth above guesses that lead to none, relative
 _BELOW = 32  # stable depths up to a limit,
 _ALMOST = 0.985  # and the last of them
 _ABOVE = 1.015  # of a limit: depth that must be unstable
@@ -296,6 +300,29 @@ class Turns:
         return np.where(found, there, high)
 
 
+@dataclass(frozen=True, eq=False)
+class Crossing:
+    """Where a multiplier of each of p pairs crosses the unit circle.
+
+    Attributes
+    ----------
+    depth
+        Depths b (p,), m: 1/b is an eigenvalue of Λ.
+    angle
+        Angles θ (p,) of the multipliers.
+    right, left
+        Eigenvectors (p, a) of Λ.
+    settled
+        Whether (p,) Newton's method ended there.
+    """
+
+    depth: Array
+    angle: Array
+    right: Complex
+    left: Complex
+    settled: Flags
+
+
 def is_stable(
     response: ToolResponse, cut: Engagement, speed: float, depth: float
 ) -> bool:
@@ -409,10 +436,10 @@ def _find_limits(
     depth = np.full(len(speeds), np.inf)
     angle = np.ones(len(speeds))
     if near is not None:
-        depth, angle = _settle(loop, *near)
-        some = np.flatnonzero(np.isfinite(depth))
-        certain = _is_least(loop[some], theta[some], depth[some], angle[some])
-        depth[some[~certain]] = np.inf
+        guess, omega = near
+        turned = np.mod(omega * loop.delay[:, None], 2.0 * np.pi)
+        turned = np.minimum(turned, 2.0 * np.pi - turned)
+        depth, angle = _descend(loop, theta, guess, turned)
     rest = np.flatnonzero(np.isfinite(scale) & np.isinf(depth))
     if rest.size:
         part = loop[rest]
@@ -422,52 +449,73 @@ def _find_limits(
         found, angle[rest] = _search(part, curve, size, high, thorough=True)
         depth[rest] = found * size
     known = np.isfinite(scale) & np.isfinite(depth)
-    value, angle, right, left = _polish(
-        loop, np.ones(len(depth)), np.where(known, depth, 1.0), angle
-    )
-    return _describe(
-        loop,
-        response,
-        speeds,
-        found=known,
-        depth=1.0 / value.real,
-        angle=angle,
-        vectors=(left, right),
-    )
+    crossing = _polish(loop, np.where(known, depth, 1.0), angle)
+    return _describe(loop, response, speeds, crossing, known)
 
 
-def _settle(loop: Loop, near: Array, omega: Array) -> tuple[Array, Array]:
-    """Return the least crossing (p,), m, next to guesses (p, k), m, rad/s, and its angle.
+def _descend(
+    loop: Loop, theta: Array, near: Array, turned: Array
+) -> tuple[Array, Array]:
+    """Return limits (p,), m, from guesses (p, k) of depths, m, and angles; and their angles (p,).
+
+    A crossing next to a guess is the limit if no multiplier is outside the circle below. If some is,
+    the crossing where it leaves is the next guess; so it is below a depth beyond all guesses where
+    none leads to a crossing. Limits that are not found are infinite.
+    """
+    depth, angle = _settle(loop, near, turned)
+    highest = np.where(np.isfinite(near), near, -np.inf).max(axis=1)
+    asked = np.flatnonzero(np.isfinite(depth) | (highest > 0.0))
+    for _ in range(_DESCENTS):
+        if not asked.size:
+            break
+        crossing = np.isfinite(depth[asked])
+        start = np.where(crossing, depth[asked], _BEYOND * highest[asked])
+        lower, at, least = _find_lower(
+            loop[asked], theta[asked], start, angle[asked], crossing
+        )
+        depth[asked] = lower
+        below = np.isfinite(lower) & ~least
+        asked = asked[below]
+        depth[asked], angle[asked] = _settle(
+            loop[asked], lower[below][:, None], at[below][:, None]
+        )
+        asked = asked[np.isfinite(depth[asked])]
+    depth[asked] = np.inf
+    return depth, angle
+
+
+def _settle(loop: Loop, near: Array, turned: Array) -> tuple[Array, Array]:
+    """Return the least crossing (p,), m, next to guesses (p, k), and its angle.
 
     It is infinite where there is none.
     """
-    pairs = np.arange(len(loop.delay))
-    depth = np.full_like(near, np.inf)
-    angle = np.ones_like(near)
-    one = np.ones(len(pairs))
-    for k in range(depth.shape[1]):
+    depth = np.full(len(near), np.inf)
+    angle = turned[:, 0].copy()
+    for k in range(near.shape[1]):
         start = near[:, k]
         known = np.isfinite(start)
-        turns = np.mod(omega[:, k] * loop.delay, 2.0 * np.pi)
-        turns = np.where(turns > np.pi, 2.0 * np.pi - turns, turns)
+        if k > 0:  # guesses that agree lead to the same crossing
+            known &= np.isinf(depth) | (np.abs(start / near[:, 0] - 1.0) > _AGREE)
+        some = np.flatnonzero(known)
+        if not some.size:
+            continue
         with np.errstate(invalid="ignore", over="ignore"):
-            value, angle[:, k], *_ = _polish(
-                loop, one, np.where(known, start, 1.0), turns, within=_NEAR
-            )
-            settled = np.abs(value.imag) < _SETTLED * np.abs(value.real)
-        settled &= known & (value.real > 0.0) & (np.abs(value) < np.inf)
-        depth[settled, k] = 1.0 / value.real[settled]
-    best = depth.argmin(axis=1)
-    return depth[pairs, best], angle[pairs, best]
+            found = _polish(loop[some], start[some], turned[some, k], within=_NEAR)
+        lower = found.settled & (found.depth < depth[some])
+        depth[some[lower]] = found.depth[lower]
+        angle[some[lower]] = found.angle[lower]
+    return depth, angle
 
 
-def _is_least(loop: Loop, theta: Array, depth: Array, angle: Array) -> Flags:
-    """Return whether crossings (p,), m, at their angles are limits.
+def _find_lower(
+    loop: Loop, theta: Array, depth: Array, angle: Array, crossing: Flags
+) -> tuple[Array, Array, Flags]:
+    """Return where multipliers leave the circle first below depths (p,), m, and near angles (p,).
 
-    No multiplier is outside the circle below, and some is beyond.
+    Depths, angles, and whether the depth is the limit itself: one at which a multiplier crosses as
+    stated, with none outside the circle below, and some beyond. The depth is infinite where none is
+    outside beyond, either.
     """
-    if not len(depth):
-        return np.zeros(0, dtype=bool)
     beside = (angle[:, None] + _BESIDE).clip(0.0, np.pi)
     theta = np.sort(np.concatenate([theta, beside], axis=1), axis=1)
     curve = _characteristic(loop, theta, depth)
@@ -475,13 +523,27 @@ def _is_least(loop: Loop, theta: Array, depth: Array, angle: Array) -> Flags:
     above = np.full((len(below), 1), _ABOVE)
     tried = np.concatenate([below, above], axis=1)
     turns = _follow(curve, tried)
-    certain: Flags = turns.first == _BELOW
+    lower = np.full(len(depth), np.inf)
+    at = angle.copy()
+    least = np.zeros(len(depth), dtype=bool)
     # angles near the crossing are dense; others may be too few
-    steep = np.flatnonzero(certain & (turns.below >= _FLAT).any(axis=1))
-    if steep.size:
-        finer = curve[steep].refine(loop[steep], depth[steep], turns.below[steep])
-        certain[steep] = _follow(finer, tried[steep]).first == _BELOW
-    return certain
+    steep = (turns.first == _BELOW) & (turns.below >= _FLAT).any(axis=1)
+    for kind in (~steep, steep):
+        some = np.flatnonzero(kind)
+        if not some.size:
+            continue
+        part = curve[some]
+        last = turns[some]
+        if steep[some[0]]:
+            part = part.refine(loop[some], depth[some], last.below)
+            last = _follow(part, tried[some])
+        least[some] = (last.first == _BELOW) & crossing[some]
+        less = (last.first <= _BELOW) & ~least[some]
+        if less.any():
+            share, at[some[less]] = _locate(part[less], last[less])
+            lower[some[less]] = share * depth[some[less]]
+    lower[least] = depth[least]
+    return lower, at, least
 
 
 # --- the matrix -----------------------------------------------------------------
@@ -831,16 +893,17 @@ def _expand(values: Complex) -> Complex:
 
 
 def _polish(
-    loop: Loop, scale: Array, depth: Array, angle: Array, within: float = _WITHIN
-) -> tuple[Complex, Array, Complex, Complex]:
-    """Return the real eigenvalue 1/b (p,), 1/m, its angle (p,) and its vectors (p, a).
+    loop: Loop, depth: Array, angle: Array, within: float = _WITHIN
+) -> Crossing:
+    """Return the crossings next to depths (p,), m, and angles (p,).
 
     Two-sided Rayleigh quotients and Newton's method for a vanishing imaginary part.
     """
     pairs = np.arange(len(angle))
     identity = np.eye(loop.prompt.shape[-1])
-    value: Complex = 1.0 / (scale * depth) + 0j
+    value: Complex = 1.0 / depth + 0j
     begin = value.real
+    step = np.zeros(len(angle))
     here = angle
     right: Complex = np.empty(0, dtype=complex)
     left = right
@@ -861,25 +924,34 @@ def _polish(
         step = step.clip(-0.3, 0.3)
         here = (here + step).clip(0.0, np.pi)
         value = value + rate * step
+        if np.abs(step).max(initial=0.0) < _EXACT:
+            break
     near = np.abs(value.real / begin - 1.0) < within
-    return np.where(near, value, begin), np.where(near, here, angle), right, left
+    return Crossing(
+        depth=1.0 / np.where(near, value.real, begin),
+        angle=np.where(near, here, angle),
+        right=right,
+        left=left,
+        settled=near & (np.abs(step) < _SETTLED),
+    )
 
 
 def _describe(
     loop: Loop,
     response: ToolResponse,
     speeds: Array,
-    *,
+    crossing: Crossing,
     found: Flags,
-    depth: Array,
-    angle: Array,
-    vectors: tuple[Complex, Complex],
 ) -> Limits:
-    """Return the limits with the changes that modes make to them.
+    """Return the limits with the changes that modes make to them; infinite where none is found.
 
     λ is stationary in its eigenvectors, so that it changes by the terms of the modes alone.
     """
-    left, right = vectors
+    left = crossing.left
+    right = crossing.right
+    angle = crossing.angle
+    depth = crossing.depth
+    vectors = left, right
     rates = response.rates
     damping = response.damping
     terms = _mode_terms(loop, rates, damping, angle, vectors)

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from stiffscope.experiments.experiments import PartResult
-    from stiffscope.experiments.orders import PartOrder
+    from stiffscope.experiments.part_order import PartOrder
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.runtime.workshop import Workshop
 

@@ -6,7 +6,7 @@ SLICE = Slice(
     commands=(
         Command(
             "compliance",
-            "stiffscope.parts.command.experiments",
+            "stiffscope.parts.command.compliance",
             "A part",
             "6x6 compliance of a part, with error bars.",
         ),

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import say_count
-from stiffscope.experiments.experiments import EXPERIMENT
+from stiffscope.experiments.making import EXPERIMENT
 from stiffscope.fea.export import write_fields
 from stiffscope.path.course import pick_evenly
 from stiffscope.report import page

@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydantic_core import to_jsonable_python
 
-from stiffscope.experiments.experiments import EXPERIMENT
+from stiffscope.experiments.making import EXPERIMENT
 from stiffscope.registry import registered
 from stiffscope.report.pictures import (
     PictureError,
     draw,
+    draw_by,
     optional_pictures,
 )
 from stiffscope.report.robot_scene import (
@@ -45,35 +46,48 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.inspection import Inspection
     from stiffscope.runtime.cache import Cache
+    from stiffscope.runtime.executor import Here, Processes
     from stiffscope.vjm.kinematics.configurations import Configurations
 
 log = logging.getLogger(__name__)
 
-AT_ONCE = 2  # pictures drawn concurrently, each in its own process
+AT_ONCE = 2  # pictures drawn concurrently, by processes of the workshop
 
 
 @dataclass(frozen=True)
 class Order:
-    """Pictures to draw: name in the manifest, cache key, drawing function and target folder."""
+    """Pictures to draw: name in the manifest, cache key, drawing function and target folder.
+
+    ``write(folder, draw_now)`` draws into a folder; solids by ``draw_now``, which is called like
+    `stiffscope.report.pictures.draw`.
+    """
 
     name: str
     key: str
-    write: Callable[[Path], object]
+    write: Callable[[Path, Callable[..., None]], object]
     target: Path
 
 
-def write_pictures(orders: Sequence[Order], cache: Cache, manifest: Manifest) -> None:
+def write_pictures(
+    orders: Sequence[Order],
+    cache: Cache,
+    executor: Here | Processes,
+    manifest: Manifest,
+) -> None:
     """Draw pictures that are not cached, and copy all to their folders; warn if it is impossible.
 
     Parameters
     ----------
-    orders, cache
-        Pictures to draw, and cache of results.
+    orders, cache, executor
+        Pictures to draw, cache of results, and processes that draw.
     manifest
         Record of how the results were made.
     """
     with ThreadPoolExecutor(AT_ONCE) as pool:
-        tasks = [pool.submit(_keep_pictures, order, cache) for order in orders]
+        tasks = [
+            pool.submit(_keep_pictures, order, cache, draw_by(executor))
+            for order in orders
+        ]
         try:
             for order, each in zip(orders, tasks, strict=True):
                 held, reused, seconds = each.result()
@@ -95,9 +109,11 @@ def order_run(assembled: Assembled, target: Path) -> list[Order]:
     ]
     facts = robot_facts(assembled)
     key = digest({**facts, "skins": digest_solids(assembled), "code": _drawing_code()})
-    orders.append(
-        Order("robot", key, lambda folder: _draw_poses(assembled, folder), target)
-    )
+
+    def write(folder: Path, draw_now: Callable[..., None]) -> None:
+        _draw_poses(assembled, folder, draw_now)
+
+    orders.append(Order("robot", key, write, target))
     for order_more in registered("pictures"):
         orders += order_more(assembled, target)
     return orders
@@ -106,7 +122,7 @@ def order_run(assembled: Assembled, target: Path) -> list[Order]:
 def draw_named_poses(assembled: Assembled, folder: Path) -> None:
     """Draw the robot at its named poses, or at home; warn if this machine cannot draw."""
     with optional_pictures():
-        _draw_poses(assembled, folder)
+        _draw_poses(assembled, folder, draw)
 
 
 def draw_inspection(
@@ -176,13 +192,17 @@ def plain_robot(robot: RobotFile) -> dict[str, Any]:
     return to_jsonable_python(plain, by_alias=True, inf_nan_mode="constants")
 
 
-def _keep_pictures(order: Order, cache: Cache) -> tuple[Path | None, bool, float]:
+def _keep_pictures(
+    order: Order, cache: Cache, draw_now: Callable[..., None]
+) -> tuple[Path | None, bool, float]:
     """Return the pictures' folder (None if drawing failed), whether it was cached, and seconds."""
     begun = time.perf_counter()
     held = cache.get(PICTURES, order.key)
     reused = held is not None
     try:
-        held = held or cache.put(PICTURES, order.key, order.write)
+        held = held or cache.put(
+            PICTURES, order.key, lambda folder: order.write(folder, draw_now)
+        )
     except PictureError as error:
         log.warning("%s", error)
     return held, reused, time.perf_counter() - begun
@@ -193,9 +213,9 @@ def _order_part(result: PartResult, target: Path) -> Order:
     experiment = result.folder / EXPERIMENT
     key = digest({"experiment": file_digest(experiment), "code": _drawing_code()})
 
-    def write(folder: Path) -> None:
+    def write(folder: Path, draw_now: Callable[..., None]) -> None:
         files = {"sheet": "loads.png", "mesh": "mesh.png"}
-        draw(
+        draw_now(
             "part_pictures",
             folder,
             experiment=experiment,
@@ -237,13 +257,15 @@ def _drawing_code() -> str:
     )
 
 
-def _draw_poses(assembled: Assembled, folder: Path) -> None:
+def _draw_poses(
+    assembled: Assembled, folder: Path, draw_now: Callable[..., None]
+) -> None:
     mechanism = assembled.mechanism
     poses: dict[str, Any] = dict(assembled.robot.poses) or {"home": mechanism.tool.home}
     shown = _picture_poses(
         assembled.robot, configure(mechanism, list(poses.values())), poses
     )
-    draw("robot", folder, pictures=shown, geometry=GEOMETRY, **scene_of(assembled))
+    draw_now("robot", folder, pictures=shown, geometry=GEOMETRY, **scene_of(assembled))
 
 
 def _picture_poses(

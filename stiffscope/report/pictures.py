@@ -10,11 +10,14 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from stiffscope.errors import InputError, StiffscopeError
+from stiffscope.runtime.collection import no_collection
 from stiffscope.runtime.executor import KILLED, LateError, Processes, WorkerError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
+
+    from stiffscope.runtime.executor import Here
 
 log = logging.getLogger(__name__)
 
@@ -67,12 +70,19 @@ def open_drawing(*, ahead: bool = False) -> Iterator[Callable[..., None]]:
         if ahead:
             executor.submit(_draw_now, "warm_up", (), {}, name="no pictures")
         try:
-            yield partial(_draw, executor)
+            yield draw_by(executor)
         finally:
             executor.end()
 
 
-def _draw(executor: Processes, picture: str, target: Path, **arguments: Any) -> None:
+def draw_by(executor: Here | Processes) -> Callable[..., None]:
+    """Return a function that is called like `draw`, and draws in an executor's processes."""
+    return partial(_draw, executor)
+
+
+def _draw(
+    executor: Here | Processes, picture: str, target: Path, **arguments: Any
+) -> None:
     asked = json.loads(json.dumps(arguments, default=_to_plain))
     given = picture, (target.absolute(),), asked
     try:
@@ -98,8 +108,9 @@ def _draw_now(
     picture: str, targets: tuple[Path, ...], arguments: dict[str, Any]
 ) -> None:
     """Draw in this process, or only load the libraries for it ("warm_up")."""
-    from stiffscope.report.drawing.part import part_pictures, stressed_part
-    from stiffscope.report.drawing.robot import robot, warm_up
+    with no_collection():
+        from stiffscope.report.drawing.part import part_pictures, stressed_part
+        from stiffscope.report.drawing.robot import robot, warm_up
 
     known: dict[str, Any] = {
         f.__name__: f for f in (part_pictures, stressed_part, robot, warm_up)

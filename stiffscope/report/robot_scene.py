@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.cad.part import tessellate
-from stiffscope.experiments.experiments import EXPERIMENT
+from stiffscope.experiments.making import EXPERIMENT
 from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.file.quantities import shown_unit
 from stiffscope.robot.file.sections import InterfaceBody

@@ -19,6 +19,7 @@ import traceback
 from typing import TYPE_CHECKING, Any
 
 from stiffscope.errors import InputError
+from stiffscope.runtime.collection import no_collection
 from stiffscope.runtime.processors import use_processors
 
 if TYPE_CHECKING:
@@ -89,7 +90,8 @@ def main() -> None:
 
 def _work(channel: _Channel) -> None:
     """Run a job and send its result or its error."""
-    function, arguments, heard = pickle.load(sys.stdin.buffer)  # noqa: S301
+    with no_collection():  # imports what the job needs
+        function, arguments, heard = pickle.load(sys.stdin.buffer)  # noqa: S301
     channel.send("begun", None)
     report = (
         [lambda stage, fraction: channel.send("progress", (stage, fraction))]

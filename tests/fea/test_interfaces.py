@@ -45,7 +45,7 @@ def ordered(experiment, names=tuple(PADS)):
     return [matrix[np.ix_(rows, rows)] for matrix in each]
 
 
-@pytest.mark.extended_for("distributed")
+@pytest.mark.extended
 def test_the_stiffness_is_symmetric_semidefinite_and_free_of_rigid_motions(tested):
     rigid = rigid_twists(tested.places, tested.places[0])
     scale = np.sqrt(tested.stiffness.diagonal())

@@ -84,7 +84,7 @@ def resized(robot, length, stiffness):
     return replace(robot, mechanism=mechanism)
 
 
-@pytest.mark.extended_for("1-3", "3-1", "5-1")
+@pytest.mark.extended_for("1-3", "3-1", "5-1", "0-1")
 @pytest.mark.parametrize(("number", "seed"), [(0, 1), (1, 3), (3, 1), (5, 1), (6, 1)])
 def test_a_robot_of_another_size_and_stiffness_gets_the_same_answer(number, seed):
     """Loads, readings and noise in proportion: no effect has a favourite size."""
@@ -269,6 +269,7 @@ pose = ["x", "y", "z"]
 """
 
 
+@pytest.mark.extended
 def test_a_cause_is_reported_in_the_form_that_explains_alone(tmp_path):
     """A base that turns about x and y only is one that turns alike about all axes, beside a drive that is stiffer."""
     (tmp_path / "arm.toml").write_text(ARTICULATED)
@@ -366,21 +367,23 @@ def test_the_gap_lies_where_its_cause_is_named():
 @pytest.mark.parametrize(
     ("name", "effect", "place", "size", "spread", "said"),
     [
-        (
+        pytest.param(
             "stewart",
             "encoder-offset",
             "strut1.drive",
             {"offset": 2e-4},
             [0.05] * 3 + [0.1] * 3,
             r"Next: read (gauge_strut1_lower_tip_\w) .*; new here: \1 on strut1\.lower\.tip at .* mm\) along",
+            marks=pytest.mark.extended,
         ),
-        (
+        pytest.param(
             "delta",
             "thermal",
             "leg1.rod1",
             {"temperature": 30.0},
             [0.25, 0.25, 0.12],
             "Next: none of this campaign's instruments .* nor are gauges on platform, leg1",
+            marks=pytest.mark.extended,
         ),
         (
             "five-bar",

@@ -160,7 +160,7 @@ def test_a_pitch_error_grows_with_the_way_of_its_own_drive():
     assert not stage[c.kind == 0].any()
 
 
-@pytest.mark.extended_for("encoder-offset", "thermal")
+@pytest.mark.extended_for("encoder-offset", "thermal", "backlash")
 @pytest.mark.parametrize(
     "effect",
     [
@@ -316,6 +316,7 @@ def test_a_fault_without_a_word_is_not_named(fault, place, parameters):
     assert sum(diagnosis.where.direction.values()) == pytest.approx(1.0)
 
 
+@pytest.mark.extended
 def test_a_single_part_has_a_name_of_its_own():
     diagnosis = diagnose_campaign(
         campaign(("part-compliance", "limb1.slider", {"factor": 3.0})), ROBOT

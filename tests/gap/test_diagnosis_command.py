@@ -79,6 +79,7 @@ def test_what_is_adopted_is_written_though_nobody_reads_the_tables():
     assert written
 
 
+@pytest.mark.extended
 def test_nothing_is_adopted_where_the_results_cannot_be_written(
     soft_drive, tmp_path, monkeypatch, capsys
 ):

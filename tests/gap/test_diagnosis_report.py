@@ -83,6 +83,7 @@ def test_the_page_is_complete_and_self_contained(tmp_path):
         assert words in text
 
 
+@pytest.mark.extended_for("63")
 @pytest.mark.parametrize("count", [8, 63])
 def test_names_of_many_signatures_are_within_their_figure(count, tmp_path):
     """A square map shrinks within its space, and takes its names along."""

@@ -50,6 +50,7 @@ def diagnose(lab, faults, style, folder):
     "beside a soft drive-fault2-gauges",
     "beside a soft drive-fault3-tool",
     "beside a soft drive-fault4-gauges",
+    "alone-fault0-gauges",
 )
 @pytest.mark.parametrize(
     ("fault", "style"),

@@ -399,6 +399,7 @@ def test_a_certain_effect_is_not_hidden_by_a_doubtful_one():
         )
 
 
+@pytest.mark.extended
 def test_one_known_and_one_unknown_cause_are_partly_explained():
     """The unknown one changes z alone, from pose to pose; the known one's interval holds what was planted."""
     inside = []

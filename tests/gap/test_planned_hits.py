@@ -114,6 +114,7 @@ def test_one_accelerometer_says_what_it_tells_and_what_not(tmp_path, capsys):
     assert not any(f" {name}," in missing for name in seen)
 
 
+@pytest.mark.extended
 def test_a_question_that_no_hit_answers_is_refused(tmp_path, capsys):
     order = ["campaign", "new", "stewart", "--ask", "thermal", "--with", "hammer"]
     assert _guarded([*order, "--out", str(tmp_path / "test")]) == 2

@@ -82,6 +82,7 @@ def fill(folder, plan, machine, rng):
         writer.writerows(rows)
 
 
+@pytest.mark.extended_for("base-compliance-base-parameters0")
 @pytest.mark.parametrize(
     ("effect", "place", "parameters"),
     [

@@ -90,6 +90,8 @@ def test_published_experiment_is_one_scale_not_gravity():
     "options5-truth5-False",
     "options6-truth6-False",
     "options6-truth6-True",
+    "options0-truth0-False",
+    "options2-truth2-True",
 )
 @pytest.mark.parametrize("stated", [True, False])
 @pytest.mark.parametrize(

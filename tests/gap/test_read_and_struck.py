@@ -13,7 +13,7 @@ from stiffscope.gap.inference.findings import Findings
 from stiffscope.robot.nominal import NominalRobot
 from tests.benchmarks.knocks import write
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.extended]
 
 
 @dataclass(frozen=True)

@@ -183,7 +183,7 @@ def test_readings_are_those_of_separate_equilibria(name):
     assert values == pytest.approx(read(robot, robot.mechanism, c), rel=1e-8, abs=1e-15)
 
 
-@pytest.mark.extended_for("stewart")
+@pytest.mark.extended_for("stewart", "delta")
 @pytest.mark.parametrize("name", ROBOTS)
 def test_derivatives_are_those_of_full_reassembly(name):
     """Every effect on stiffness, at a set and at a single element, one parameter of each."""
@@ -227,6 +227,7 @@ def displaces(candidate):
     return any(change.displaces for change in changes.values())
 
 
+@pytest.mark.extended_for("delta")
 @pytest.mark.parametrize("name", ROBOTS)
 def test_derivatives_of_displaced_ends_are_those_of_loads_on_the_displaced_robot(name):
     """Weight, loads and gauges move with the nodes that geometric errors displace."""

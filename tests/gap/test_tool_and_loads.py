@@ -85,6 +85,7 @@ def test_an_unloaded_tool_is_where_its_offset_has_it(tmp_path):
     assert np.abs(values - model.campaign.value).max() < 1e-9
 
 
+@pytest.mark.extended
 @pytest.mark.slow
 def test_a_dead_zone_held_to_a_side_by_weight_is_named(tmp_path):
     arm = traps.with_drive(1, gap=1.5e-4)

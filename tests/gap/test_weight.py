@@ -93,6 +93,7 @@ def sagging(folder, factors, header="", poses=24, seed=0, sigma=3e-6):
     return write(folder, rows, header)
 
 
+@pytest.mark.extended_for("modelled = []")
 @pytest.mark.parametrize("header", ["", "modelled = []"])
 def test_sag_of_soft_drives_is_no_payload(tmp_path, header):
     """Absent: the weight is modelled. Stated as absent: it is tried before any payload."""

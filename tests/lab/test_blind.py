@@ -286,6 +286,7 @@ def test_what_a_mislaid_axis_does_is_known_to_the_judge_and_to_the_model(
     )
 
 
+@pytest.mark.extended_for("15-gauges", "66-tracker")
 @pytest.mark.parametrize(
     ("number", "style"), [(0, "tool"), (3, "tool"), (15, "gauges"), (66, "tracker")]
 )
@@ -321,6 +322,7 @@ def test_what_is_drawn_shows_beside_whatever_the_others_do(number, style, labs):
         assert np.linalg.norm(left) > 7.5
 
 
+@pytest.mark.extended_for("tool-biglide", "tool-orthoglide", "tool-stewart")
 @pytest.mark.parametrize("name", ["five-bar", *SLOWER])
 @pytest.mark.parametrize("style", ["tool", "gauges", "tracker"])
 def test_the_laboratory_plants_whatever_the_model_has_a_share_for(

@@ -351,12 +351,21 @@ def _range_text(joint: Joint, value: float) -> str:
 
 
 def _join(chunks: Iterable[Configurations]) -> Configurations:
-    first, *others = parts = list(chunks)
-    if not others:
+    """Join chunks one by one: placed links, most of a chunk's memory, go with it."""
+    left = iter(chunks)
+    first = next(left)
+    keys = ("poses", "tool", "valid", "failure", "culprit", "q")
+    rows = {key: [getattr(first, key)] for key in keys}
+    for chunk in left:
+        for key, kept in rows.items():
+            kept.append(getattr(chunk, key))
+    if len(rows["q"]) == 1:
         return first
-    keys = ("poses", "tool", "valid", "failure", "culprit")
-    joined = {key: np.concatenate([getattr(p, key) for p in parts]) for key in keys}
-    return replace(first, **joined, q=np.concatenate([p.q for p in parts], axis=1))
+    joined = {
+        key: np.concatenate(kept, axis=-1 if key == "q" else 0)
+        for key, kept in rows.items()
+    }
+    return replace(first, **joined)
 
 
 def _configurations(solver: Solver, followed: Followed) -> Configurations:

@@ -66,6 +66,7 @@ if TYPE_CHECKING:
 Gravity = Literal["none", "exact"]
 _ROUNDING = 1e-12  # of a unit wrench, squared: what is not rigid
 _SINGLY = 256  # poses of doubtful stiffness that are solved one by one if need be
+_BLOCK = 16 * CHUNK  # poses analysed at a time: intermediate results of some megabytes
 _FAR = 0.1  # rad or relative length: sag beyond which linearization is invalid
 _BALANCED = (
     1e-5  # of a unit wrench on the tool: along a free motion, beyond rounded geometry
@@ -300,6 +301,28 @@ def analyse(
     """
     check_word("gravity", gravity, get_args(Gravity))
     configurations = configure(mechanism, poses)
+    n = len(configurations)
+    matrix, yielding = np.empty((n, 6, 6)), np.empty((n, 6, 6))
+    sagged, inverse_condition = np.empty((n, 6)), np.empty(n)
+    free = np.empty(n, dtype=np.int_)
+    rigid: list[Array] = []
+    for start in range(0, n, _BLOCK):
+        rows = slice(start, start + _BLOCK)
+        some = configurations if n <= _BLOCK else configurations[rows]
+        found = _analyse_block(mechanism, some, gravity)
+        arrays = (matrix, yielding, sagged, free, inverse_condition)
+        for array, part in zip(arrays, found[:-1], strict=True):
+            array[rows] = part
+        rigid += found[-1]
+    return Stiffness(
+        configurations, matrix, sagged, free, inverse_condition, yielding, tuple(rigid)
+    )
+
+
+def _analyse_block(
+    mechanism: Mechanism, configurations: Configurations, gravity: Gravity
+) -> tuple[Array, Array, Array, NDArray[np.int_], Array, list[Array]]:
+    """Return stiffness, compliance, sag, free directions, inverse condition, rigid wrenches."""
     both = map_chunks(mechanism, configurations, (6, 13), _find_unloaded, gravity)
     matrix = both[..., :6]
     yielding, free, inverse_condition = _complete_compliance(matrix, both[..., 6:12])
@@ -329,9 +352,7 @@ def analyse(
         strict=True,
     ):
         rigid[k] = wrenches
-    return Stiffness(
-        configurations, matrix, sagged, free, inverse_condition, yielding, tuple(rigid)
-    )
+    return matrix, yielding, sagged, free, inverse_condition, rigid
 
 
 def _complete_compliance(

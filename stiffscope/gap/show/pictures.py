@@ -77,7 +77,7 @@ def order_figures(diagnosis: Diagnosis, target: Path) -> Order:
         ("stiffscope.report", "stiffscope.gap"), ("matplotlib", "numpy")
     )
     key = digest({"diagnosis": drawn, "code": code})
-    return Order("figures", key, lambda folder: draw_figures(diagnosis, folder), target)
+    return Order("figures", key, lambda to, _: draw_figures(diagnosis, to), target)
 
 
 def order_shares(
@@ -120,10 +120,11 @@ def order_shares(
     }
     drawn = {**scene_of(assembled), "shares": shares(assembled.robot, diagnosis)}
 
-    def write(folder: Path) -> None:
-        draw_now(
+    key, draw_ahead = ahead
+
+    def write(folder: Path, _: Callable[..., None]) -> None:
+        draw_ahead(
             "robot", folder, pictures=[shown], scale=SHARE, geometry=GEOMETRY, **drawn
         )
 
-    key, draw_now = ahead
     return [Order("robot", key, write, target)]

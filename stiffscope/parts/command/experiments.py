@@ -1,4 +1,4 @@
-"""Commands for parts: compliance, comparison with beam theory, interfaces, faces of a STEP file."""
+"""Commands for parts: comparison with beam theory, interfaces, faces of a STEP file."""
 
 from __future__ import annotations
 
@@ -17,17 +17,16 @@ from stiffscope.cli.output import emit, open_workshop, warn_of_parts, warn_of_ro
 from stiffscope.errors import InputError
 from stiffscope.experiments import comparison
 from stiffscope.experiments.assembly import check_one_interface
-from stiffscope.experiments.experiments import compliance_json, solve_parts
+from stiffscope.experiments.experiments import solve_parts
 from stiffscope.experiments.manifest import manifest_of
-from stiffscope.experiments.orders import name_lines, order_part
-from stiffscope.experiments.superelements import write_part
+from stiffscope.experiments.orders import order_part
 from stiffscope.parts import show as interface_figure
 from stiffscope.parts.interfaces import (
     compare_interfaces,
     interfaces_columns,
     interfaces_json,
 )
-from stiffscope.report import part_tables, tables
+from stiffscope.report import part_tables
 from stiffscope.robot.file.part_sections import ParametricPart
 from stiffscope.robot.part_matrices import used_parts
 from stiffscope.robot.reader import load_robot
@@ -43,52 +42,6 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.part_sections import PartSection
 
 log = logging.getLogger(__name__)
-
-
-@click.command()
-@takes(
-    options.robot,
-    options.required_part,
-    options.tolerance,
-    options.overrides,
-    options.json,
-)
-@options.superelement("part's interfaces")
-@click.option(
-    "--step",
-    metavar="FILE",
-    help="Take this solid as the part: clamped at its least x, loaded at its greatest.",
-)
-def compliance(
-    name: str,
-    part: str,
-    *,
-    tolerance: str | None,
-    overrides: Texts,
-    superelement: Path | None,
-    step: str | None,
-    output: Output,
-) -> None:
-    """6x6 compliance of a part, with error bars."""
-    robot = load_robot(name, overrides, tolerance)
-    output.check_folder(superelement)
-    manifest = manifest_of(robot)
-    with open_workshop(output) as shop:
-        order = order_part(robot, part, step)
-        with name_lines(robot):
-            (result,) = solve_parts([order], shop)
-    if superelement:
-        write_part(result, superelement, manifest)
-
-    def show() -> None:
-        part_tables.show_parts([result])
-        part_tables.show_compliance(robot, result)
-        if superelement:
-            tables.show_line(f"Superelement written to {superelement}")
-
-    emit(output, compliance_json(robot, result), show)
-    if not output.loud:
-        warn_of_parts([result])
 
 
 @click.command()

@@ -96,8 +96,16 @@ def new_plotter(view: View) -> pv.Plotter:
 
 def shot(plotter: pv.Plotter) -> Array:
     """Return the picture (height, width, 3) and close the plotter."""
+    try:
+        return snap(plotter)
+    finally:
+        plotter.close()
+
+
+def snap(plotter: pv.Plotter) -> Array:
+    """Return the picture (height, width, 3) of a plotter that stays open."""
+    plotter.render()  # what changed since the last picture; before the first, nothing
     image = plotter.screenshot(return_img=True)
-    plotter.close()
     if image is None:
         raise RuntimeError("the OpenGL window gave no picture")
     return image

@@ -5,13 +5,12 @@ from __future__ import annotations
 from itertools import chain, cycle, islice, product
 from typing import TYPE_CHECKING
 
-import meshio
 import numpy as np
 import pyvista as pv
 from matplotlib.patches import Patch
 
 from stiffscope.fea.experiment import load_experiment
-from stiffscope.report.drawing.camera import View, new_plotter, shot, view_of
+from stiffscope.report.drawing.camera import View, new_plotter, shot, snap, view_of
 from stiffscope.report.drawing.sheet import fill, scale_bar, sheet_of
 from stiffscope.report.drawing.surfaces import outline, sides, surface
 from stiffscope.report.figures import save_figure
@@ -101,17 +100,20 @@ def _contact_sheet(
         (size, "m", "displacement", "viridis"),
         (stress, "Pa", "von Mises stress", "inferno"),
     )
+    plotter = _plot_still(mesh, view)
     for k, (name, (values, unit, word, colours), j) in enumerate(
         product(loaded, kinds, range(6))
     ):
         i = 6 * (k // 12) + j
         place = f" at {name}" if len(loaded) > 1 else ""
-        image, limit, largest = _draw_deformed(
-            mesh, shapes[i], values[i], colours, view
+        limit, largest = _add_deformed(
+            plotter, mesh, shapes[i], values[i], colours, view
         )
+        image = snap(plotter)
         remark = f"deformation × {power(scales[i])}"
         fill(cells[k], image, f"{WRENCHES[j]} = {LOADS[j]}{place}   {word}", remark)
         scale_bar(cells[k], limit, largest, unit, colours)
+    plotter.close()
     save_figure(figure, target, dpi=100)
 
 
@@ -129,6 +131,8 @@ def stressed_part(
     node
         Node with the greatest stress.
     """
+    import meshio
+
     mesh = load_experiment(experiment).mesh
     fields = meshio.read(field).point_data
     motion = fields["displacement"]
@@ -143,9 +147,9 @@ def stressed_part(
     view = view_of(
         np.vstack([mesh.points, bent]), towards=(0.55, y, 0.75 * z), width=1300
     )
-    image, _, _ = _draw_deformed(
-        mesh=mesh, points=bent, values=stress, colours="inferno", view=view, node=node
-    )
+    plotter = _plot_still(mesh, view)
+    _add_deformed(plotter, mesh, bent, stress, "inferno", view, node)
+    image = shot(plotter)
     figure, (cell,) = sheet_of(1, 1, view.size, title)
     remark = f"deformation × {power(scale)}"
     fill(cell, image, "von Mises stress, the ring is at its greatest", remark)
@@ -153,29 +157,39 @@ def stressed_part(
     save_figure(figure, target, dpi=150)
 
 
-def _draw_deformed(
+def _plot_still(mesh: TetMesh, view: View) -> pv.Plotter:
+    """Return a plotter with the undeformed part, pale."""
+    plotter = new_plotter(view)
+    still = surface(mesh, mesh.points)
+    plotter.add_mesh(still, color="#9aa4b0", opacity=0.10, lighting=False)
+    plotter.add_mesh(outline(mesh, mesh.points), color="#7a8594", line_width=1.5)
+    plotter.add_silhouette(still, color="#7a8594", line_width=1.5)
+    return plotter
+
+
+def _add_deformed(
+    plotter: pv.Plotter,
     mesh: TetMesh,
     points: Array,
     values: Array,
     colours: str,
     view: View,
     node: int | None = None,
-) -> tuple[Array, float, float]:
-    """Return the image of a deformed part, colour limit and largest value; mark ``node``."""
+) -> tuple[float, float]:
+    """Add a deformed part in place of the last; return colour limit and largest value.
+
+    ``node`` is marked with a ring.
+    """
     largest = limit = float(values.max())
     if node is not None:
         limit = float(values[node])
     elif colours == "inferno":
         limit = float(np.quantile(values[np.unique(mesh.facets)], 0.995))
-    plotter = new_plotter(view)
-    still = surface(mesh, mesh.points)
-    plotter.add_mesh(still, color="#9aa4b0", opacity=0.10, lighting=False)
-    plotter.add_mesh(outline(mesh, mesh.points), color="#7a8594", line_width=1.5)
-    plotter.add_silhouette(still, color="#7a8594", line_width=1.5)
     skin = surface(mesh, points)
     skin["value"] = values
     plotter.add_mesh(
         skin,
+        name="skin",
         scalars="value",
         cmap=colours,
         clim=(0.0, limit),
@@ -185,8 +199,10 @@ def _draw_deformed(
         show_scalar_bar=False,
         ambient=0.55,
         diffuse=0.5,
+        render=False,  # else an open plotter draws at once
     )
-    plotter.add_mesh(outline(mesh, points + view.lift), color="#20252b", line_width=1.5)
+    lines = outline(mesh, points + view.lift)
+    plotter.add_mesh(lines, name="lines", color="#20252b", line_width=1.5, render=False)
     if node is not None:
         size = float(np.linalg.norm(np.ptp(mesh.points, axis=0)))
         towards = view.direction
@@ -194,7 +210,7 @@ def _draw_deformed(
             points[node] + size * towards, 0.017 * size, 0.02 * size, towards, c_res=48
         )
         plotter.add_mesh(ring, color="#00b4d8", lighting=False)
-    return shot(plotter), limit, largest
+    return limit, largest
 
 
 def _tagged_mesh(

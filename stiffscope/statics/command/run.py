@@ -23,7 +23,8 @@ from stiffscope.experiments.assembly import (
     stiffness_bars,
     stiffness_json,
 )
-from stiffscope.experiments.experiments import EXPERIMENT, FIELDS, compliance_json
+from stiffscope.experiments.experiments import compliance_json
+from stiffscope.experiments.making import EXPERIMENT, FIELDS
 from stiffscope.experiments.manifest import manifest_of
 from stiffscope.experiments.watching import (
     changes,
@@ -298,7 +299,8 @@ def _folder_of(
         arrays |= {"stiffness": state.matrix, "sag": state.sag}
         np.savez_compressed(folder / "matrices.npz", **arrays)
         write_json(folder / "robot.json", plain_robot(now.robot))
-        write_pictures(order_run(now, folder), shop.cache, manifest)
+        orders = order_run(now, folder)
+        write_pictures(orders, shop.cache, shop.executor, manifest)
         manifest.seconds["robot"] = manifest.measure_elapsed() - manifest.seconds.get(
             "parts", 0.0
         )

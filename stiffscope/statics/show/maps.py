@@ -351,7 +351,7 @@ def order_map(assembled: Assembled, target: Path) -> list[Order]:
     )
     code = code_version(rooms, ("matplotlib", "numpy"))
     key = digest({**robot_facts(assembled), "code": code})
-    return [Order("map", key, lambda folder: _draw_map(assembled, folder), target)]
+    return [Order("map", key, lambda to, _: _draw_map(assembled, to), target)]
 
 
 def _draw_map(assembled: Assembled, folder: Path) -> None:
