@@ -301,7 +301,9 @@ def _mislay_axis(joint: Joint, parameters: Parameters) -> Joint:
     across = ("", "") if joint.kind == "prismatic" else ("y", "z")
     twist = name_parameters(parameters, "", *across, "", "ry", "rz")
     return (
-        replace(joint, astray=joint.astray + twist) if joint.kind in DRIVEN else joint
+        replace(joint, misalignment=joint.misalignment + twist)
+        if joint.kind in DRIVEN
+        else joint
     )
 
 

@@ -454,8 +454,8 @@ def test_an_axis_that_lies_off_leads_the_arm_about_itself():
     plan = loaded([home], deviations=True)
     tool = tool_spot(arm)
     axes = arm.joints["J1"].axes
-    astray = inject(arm, "joint-axis", "J1", {"y": 1e-3, "rz": e})
-    response = respond(astray, plan.poses, [tool])
+    misalignment = inject(arm, "joint-axis", "J1", {"y": 1e-3, "rz": e})
+    response = respond(misalignment, plan.poses, [tool])
     (q,) = locate(arm, plan.poses).drives["J1"]
     other = turn(axes @ [0, 0, e]) @ axes[:, 0]
     there = turn(q * other)
