@@ -61,11 +61,11 @@ def _positions(arm: Arm, angles: Array, torques: Array, errors: Array) -> Array:
     at = np.tile(transform(arm.base), (len(angles), 1, 1))
     for joint, (row, error) in enumerate(zip(arm.rows, own, strict=True)):
         zero, x, y, rx, ry, soft = error
-        astray = np.eye(4)
-        astray[:3, :3] = Rotation.from_rotvec([rx, ry, 0.0]).as_matrix()
-        astray[:2, 3] = x, y
+        misalignment = np.eye(4)
+        misalignment[:3, :3] = Rotation.from_rotvec([rx, ry, 0.0]).as_matrix()
+        misalignment[:2, 3] = x, y
         turned = angles[:, joint] + zero + 1e-3 * soft * torques[:, joint]
-        at = at @ astray @ _turn_z(turned) @ transform(row)
+        at = at @ misalignment @ _turn_z(turned) @ transform(row)
     place = np.append(transform(arm.target)[:3, 3] + UNIT * errors[:3], 1.0)
     seen = (at @ place)[:, :3] - UNIT * errors[6:9]
     return Rotation.from_rotvec(UNIT * errors[3:6]).apply(seen)

@@ -89,7 +89,9 @@ def _list_sources(robot: RobotFile, name: str) -> dict[str, np.ndarray | None]:
     # a matrix that was published is not of a part of another shape or material
     is_published = parts_of.is_published_part(robot, name)
     known = {n for n, each in robot.parts.items() if getattr(each, "published", None)}
-    by_formula = isinstance(part, ParametricPart) and part.made.published == "formula"
+    by_formula = (
+        isinstance(part, ParametricPart) and part.describes.published == "formula"
+    )
     if is_published and (name in known or (known and by_formula)):
         printed = parts_of.published_compliance(robot, name)
     return {"euler_bernoulli": simple, "timoshenko": beam, "published": printed}

@@ -12,9 +12,11 @@ from scipy.spatial.transform import (  # pyright: ignore[reportMissingTypeStubs]
 )
 
 from stiffscope.errors import InputError
+from stiffscope.robot.file.tables import list_some
 from stiffscope.vjm.elements.laws import without_laws
 from stiffscope.vjm.kinematics.mobility import mobility
 from stiffscope.vjm.model.checks import BASE, GROUND, TOOL
+from stiffscope.vjm.model.mechanism import COORDINATES
 from stiffscope.vjm.network.network import END, FOOT, list_elements, place_nodes
 from stiffscope.vjm.network.order import find_order
 from stiffscope.vjm.statics.analysis import compliance
@@ -33,6 +35,7 @@ RIGID = 1e5  # of the tool's stiffness: for rigid directions that no joint of EX
 IDLE = 1e-4  # of the tool's stiffness: of a spring on motions that nothing resists
 _NONE = np.zeros((6, 6))
 _INDENT = "    "  # of the written script
+_NAMED = 3  # poses in its head
 MOUNTS = {BASE: "base mount", TOOL: "tool mount"}
 """Names, in a model, of the elements below the robot and behind its tool."""
 
@@ -135,7 +138,7 @@ def _mount(first: str, second: str, at: Array, change: Change) -> dict[str, Any]
         "at": at,
         "bearer": second,
         "axes": np.eye(3),
-        "compliance": _NONE if change.compliance is None else change.compliance,
+        "compliance": change.compliance,
         "drive": None,
         "spring": None,
         "law": None,
@@ -170,22 +173,22 @@ def _tabulate_joint(element: Element, ends: list[str]) -> dict[str, Any]:
     assert joint is not None  # noqa: S101 (for the type checker)
     bearing = _NONE if joint.compliance is None else joint.compliance
     law = None if joint.drive is None else joint.drive.law
+    along = joint.type.driven
     out = {
         "kind": joint.kind,
-        "free": list(joint.type.free),
-        "driven": joint.type.driven,
+        "free": [COORDINATES[k] for k in joint.type.free],
+        "driven": None if along is None else COORDINATES[along],
         "between": ends,
         "at": element.at,
         "bearer": ends[0] if joint.is_on_first else ends[1],
         "axes": element.axes,
-        "compliance": bearing,
+        "compliance": bearing if bearing.any() else None,
         "drive": None if joint.drive is None else joint.drive.unloaded_stiffness,
         "spring": joint.spring,
         "law": None,
     }
     if joint.cross:
         out["axis2"] = joint.cross[1]
-    along = joint.type.driven
     if law is not None and along is not None:
         others = np.delete(bearing[along], along)
         if others.any():
@@ -247,7 +250,7 @@ def _idle_axes(
 SCRIPT = '''"""{robot} as an EXUDYN model.
 
     python model.py                      sag and frequencies at the first pose, as JSON
-    python model.py POSE                 at one of: {poses}
+    python model.py POSE                 at a pose, by name, or number from 1: {poses}
     python model.py POSE --wrench FX,FY,FZ,MX,MY,MZ    and the deflection under a wrench at M
     build(POSE).mbs                      the EXUDYN system, for statics, time integration or more
 
@@ -258,9 +261,16 @@ tool's small displacement under the robot's weight and lacks of fit, drives held
 A compliance is that of a body's later ends, its first clamped, in its axes at these ends, or of a
 joint's second side in the joint's axes. A pose moves each body from home by x = R x_home + p
 ("turned": rotation vector of R, "moved": p). An "offset" is the twist of an element's unloaded
-second end. A joint's "at" at home moves with its "bearer". "free": a joint's free motions among x
-y z rx ry rz along its axes, numbered from 0; the second of a joint with "axis2" is about that axis
-of its second body. "idle": axes of motions that nothing resists; a weak spring holds them.
+second end. A joint's "at" at home moves with its "bearer". "free": its free motions along and about
+its axes; the second of a joint with "axis2" is about that axis of its second body. "driven": the
+one that its drive holds. "compliance": None if the joint holds all others rigidly. "law":
+deflections at which a drive's slope changes, and the slopes from there on, alike both ways.
+
+"idle": axes of motions that nothing resists; a weak spring, N m/rad, holds them. "rigid": stiffness,
+N/m, for rigid directions that no joint of EXUDYN holds. "length": the robot's size. Elastic bodies:
+"condensed_mass" is the mass matrix of the ends, then of modes with all ends held, and "mode_squares"
+(rad^2/s^2) are the squared angular frequencies of these (Craig-Bampton); without them, the body's
+mass is shared by its ends.
 """
 
 {imports}
@@ -286,7 +296,7 @@ def write_script(robot: str, model: dict[str, Any]) -> str:
     head, _, runtime = source.partition(_CUT)
     return SCRIPT.format(
         robot=robot,
-        poses=", ".join(model["poses"]),
+        poses=list_some(list(model["poses"]), _NAMED),
         imports=head.partition('"""\n\n')[2],
         model=_show(model, 0),
         runtime=runtime.strip() + "\n",

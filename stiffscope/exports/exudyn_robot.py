@@ -22,6 +22,7 @@ from exudyn import itemInterface as item  # noqa: N813 (a module)
 
 # --- copied into exported models from here ---
 
+AXES = ("x", "y", "z", "rx", "ry", "rz")
 RANK = 1e-9  # relative singular value below which a direction has no compliance
 STRAIGHT = (1.0, 0.5, 0.2, 0.05, 0.01, 1e-3, 1e-6)
 """Shares of a straight law in that of a drive with a curve, in turn: Newton's method does not
@@ -357,16 +358,19 @@ class Robot:
         first, second = joint["between"]
         home = np.array(joint["axes"])
         axes = self.turn(first) @ home
-        motions = [np.eye(6)[k] for k in joint["free"]]
+        free_axes = [AXES.index(word) for word in joint["free"]]
+        motions = [np.eye(6)[k] for k in free_axes]
         if "axis2" in joint:
             second_axis = axes.T @ self.turn(second) @ np.array(joint["axis2"])
             motions[1] = np.concatenate([np.zeros(3), second_axis])
-        compliance = np.array(joint["compliance"])
+        compliance = np.zeros((6, 6))
+        if joint["compliance"] is not None:
+            compliance = np.array(joint["compliance"])
         curved = joint["law"] is not None and not self.linear
         resists = joint["drive"] or joint["spring"]
         free: list[Any] = []
-        for k, motion in zip(joint["free"], motions, strict=True):
-            driven = joint["drive"] and k == joint["driven"]
+        for word, motion in zip(joint["free"], motions, strict=True):
+            driven = joint["drive"] and word == joint["driven"]
             if (joint["spring"] or driven) and not curved:
                 compliance = compliance + np.outer(motion, motion) / resists
             else:
@@ -377,7 +381,7 @@ class Robot:
         end = (second, place, axes)
         self.connect(name, start, end, compliance, columns)
         if curved:
-            along = joint["driven"]
+            along = AXES.index(joint["driven"])
             starts, slopes = (
                 np.array(joint["law"][key]) for key in ("starts", "slopes")
             )
@@ -627,12 +631,18 @@ def report(model: dict[str, Any]) -> None:
     parser = argparse.ArgumentParser(
         description="Sag and natural frequencies of the robot."
     )
-    parser.add_argument("pose", nargs="?", choices=list(model["poses"]))
+    names = list(model["poses"])
+    parser.add_argument("pose", nargs="?", default="1", help="its name, or number")
     parser.add_argument(
         "--wrench", help="FX,FY,FZ,MX,MY,MZ at M, N and N m: its deflection too"
     )
     given = parser.parse_args()
-    pose = given.pose or next(iter(model["poses"]))
+    pose = given.pose
+    if pose not in names:
+        if not pose.isdigit() or not 1 <= int(pose) <= len(names):
+            known = ", ".join(names)
+            parser.error(f"expected a pose or its number, got {pose}; poses: {known}")
+        pose = names[int(pose) - 1]
     out = {
         "pose": pose,
         "sag": find_sag(model, pose).tolist(),

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 
 _SEEN = 1e-3  # square root of a mode's share of the mass, below which it moves none
 _FLAT = 1e-7  # smallest moment of inertia over mass times squared size
+_HELD = 10.0  # of the highest frequency: that of mean axes on what holds them
 _EIGENVALUE = 1e-13  # of a compliance with unit diagonal, relative: rigid below
 
 
@@ -221,8 +222,8 @@ def _with_dynamics(
     modal = right.T @ turned
     stiff = strain.T @ stiffness @ strain
     stiff += modal.T @ (dynamics.squares[:, None] * modal)
-    # Mean axes that no mode moves are held to their place among the ends.
-    stiff += highest**2 * relative[seen:].T @ relative[seen:]
+    # Mean axes that no mode moves are held to their place among the ends, well above `highest`.
+    stiff += (_HELD * highest) ** 2 * relative[seen:].T @ relative[seen:]
     every = np.vstack([strain, modal])
     springs = diagonalize(stiff, every.T @ rest @ every, highest)
     zeros = np.zeros(len(order))

@@ -10,6 +10,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.exports.dynamics_checks import check_dynamics
 from stiffscope.exports.mjcf_meshes import add_meshes
 from stiffscope.exports.mjcf_tree import Tuning, Writer, numbers, write_tree
 from stiffscope.exports.mujoco_model import (
@@ -19,6 +20,8 @@ from stiffscope.exports.mujoco_model import (
     load_mujoco,
 )
 from stiffscope.exports.target import Exported, Order
+from stiffscope.robot.file.tables import list_some
+from stiffscope.vjm.network.network import list_elements
 from stiffscope.vjm.statics.analysis import compliance, sag
 from stiffscope.vjm.vibration.modes import frequencies
 
@@ -43,6 +46,7 @@ ENOUGH = 0.003
 _IDLE = 1e-3  # of all masses, for the inertia of joints of bodies without
 _STILL = 0.05  # of the lowest frequency: slower motions are free
 _STIFF = 1e-5  # of the tool's least compliance: what stands for none
+_NAMED = 4  # bodies in a sentence
 _UNIT = 1e-12  # of a compliance, squared, beside its largest: a rigid direction
 
 
@@ -81,7 +85,7 @@ def export_robot(order: Order) -> Exported:
     """
     mujoco = load_mujoco()
     mechanism = order.assembled.mechanism
-    check_mechanism(mechanism)
+    check_dynamics(mechanism)
     configurations = order.asked.configurations
     straight = linear_drives(mechanism)
     wanted = Wanted(
@@ -105,22 +109,6 @@ def export_robot(order: Order) -> Exported:
             break
     assert best is not None  # noqa: S101
     return _finish(mujoco, order, best, wanted)
-
-
-def check_mechanism(mechanism: Mechanism) -> None:
-    """Raise InputError for a robot that cannot move or yield in a simulator."""
-    if not any(body.mass for body in mechanism.bodies):
-        cure = "give bodies a mass and a centre, and parts a material or a mass"
-        raise InputError(f"bodies: expected masses, got none; {cure}")
-    elastic = any(body.elastic is not None for body in mechanism.bodies)
-    yields = any(
-        joint.drive is not None or joint.spring or joint.compliance is not None
-        for joint in mechanism.joints
-    )
-    changed = (mechanism.base.compliance, mechanism.grip.compliance)
-    if not elastic and not yields and all(each is None for each in changed):
-        expected = "expected drives with a stiffness, bearings or parts"
-        raise InputError(f"joints: {expected}, got a rigid robot; `--to urdf` takes it")
 
 
 def linear_drives(mechanism: Mechanism) -> Mechanism:
@@ -273,14 +261,28 @@ def _finish(mujoco: Any, order: Order, trial: Trial, wanted: Wanted) -> Exported
 def _remark(order: Order, trial: Trial) -> list[str]:
     """Return what to mind of a model."""
     out = []
-    drives = order.assembled.mechanism.drives
-    bent = [j.name for j in drives if j.drive is not None and j.drive.law is not None]
+    mechanism = order.assembled.mechanism
+    bent = [
+        j.name
+        for j in mechanism.drives
+        if j.drive is not None and j.drive.law is not None
+    ]
     if bent:
         several = f"the servos {bent[0]}, {bent[0]}:law1, …"
         out.append(f"drives with a curve or backlash: give {several} the same control")
     if trial.deviation > 0.01:
         percent = f"{100.0 * trial.deviation:.2g} %"
-        out.append(f"the model deviates by {percent} in compliance or frequency")
+        cause = ""
+        if any(element.is_displaced for element in list_elements(mechanism)):
+            cause = ": errors of geometry displace the model's axes, not those of `stiffness`"
+        out.append(f"the model deviates by {percent} in compliance or frequency{cause}")
+    bodies = (b for b in mechanism.bodies if b.elastic is None and b.mass)
+    points = [body.name for body in bodies if body.inertia is None]
+    if points and order.highest is None:
+        out.append(
+            f"{list_some(points, _NAMED)}: no `inertia` given, so that high frequencies and a small step come "
+            "from masses at points; give them, or `--highest`"
+        )
     return out
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.errors import InputError
+from stiffscope.exports.dynamics_checks import check_dynamics
 from stiffscope.vjm.model.mechanism import COORDINATES
 from stiffscope.vjm.vibration.frequency_response import Port, expand_ports
 
@@ -89,12 +90,13 @@ def form_state_space(
     Raises
     ------
     InputError
-        A named point moves freely without inertia, or nothing has a mass.
+        A named point moves freely without inertia, nothing has a mass, or nothing yields.
 
     References
     ----------
     D. J. Ewins, Modal Testing, 2nd ed., Research Studies Press 2000, sect. 2.5.
     """
+    check_dynamics(mechanism)
     points = list_points(mechanism)
     ports = [
         Port(node, at, np.eye(6)[k]) for node, at in points.values() for k in range(6)

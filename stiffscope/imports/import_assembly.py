@@ -357,7 +357,7 @@ def _model(
             and not estimate.is_slender
             and estimate.wall < _TINY_SHARE * soft
         )
-        why = _rigid_reason(number, held, rigid, tiny=tiny)
+        why = _rigid_reason(number, held, rigid, tiny=tiny, is_tool=number == tool)
         loaded = None if why else find_patches(number, solids, held)
         if loaded is not None and len(loaded.faces) < 2:
             why = "rigid: its joints act on the same faces"
@@ -371,8 +371,8 @@ def _model(
             )
             bodies.append(ModelBody(solid.name, *weight, note=note))
             ends |= {(number, joint): solid.name for joint in held}
-            if number not in rigid and len(held) > 1:
-                warnings += _warn_of_rigid(solid, why, estimate, soft)
+            if number not in rigid and (len(held) > 1 or number == tool):
+                warnings += _warn_of_rigid(solid, why, estimate, soft, len(held))
             continue
         part, names = _part_of(
             parts=parts,
@@ -458,8 +458,9 @@ def _part_of(
         known = part.places
         alike = part.product is solid.product and part.material == material
         if alike and sorted(known.values()) == sorted(mine.values()):
-            by_place = {repr(place): name for name, place in known.items()}
-            return part, {j: by_place[repr(mine[name])] for j, name in names.items()}
+            # by value: 0.0 and -0.0 are one place
+            by_place = {tuple(place): name for name, place in known.items()}
+            return part, {j: by_place[tuple(mine[name])] for j, name in names.items()}
     interfaces = {names[joint]: loaded.faces[joint] for joint in owners}
     new = PartFile(
         part_name(solid, parts),
@@ -481,15 +482,22 @@ def _smaller(pair: tuple[Freedom, Freedom], loaded: LoadedPart) -> Freedom:
 
 
 def _warn_of_rigid(
-    solid: Instance, why: str, estimate: Estimate, soft: float
+    solid: Instance, why: str, estimate: Estimate, soft: float, joints: int
 ) -> list[Doubt]:
-    """Return a warning of a part that is rigid by default though it may be soft."""
+    """Return a warning of a part that is rigid by default though it may be soft.
+
+    A part with several joints, or the tool with one, whose load acts on no face of it.
+    """
     if not estimate.is_slender and estimate.wall < 0.1 * soft:
         return []
     size = f"as a bar of its size it bends by {1e6 * estimate.compliance:.2g} um/N"
     size += f", {estimate.slenderness:.0f} times as long as thick"
     text = f"taken as {why}; {size}: the stiffness may be far too high; "
-    text += "change its contacts in CAD, or describe the part in the robot file"
+    if joints > 1:
+        text += "change its contacts in CAD, or describe the part in the robot file"
+    else:
+        text += "it is the tool: draw what loads it as a part that touches it there, "
+        text += "or describe the part with an interface there in the robot file"
     return [Doubt((solid.name,), text, tuple(solid.centre), warning=True)]
 
 
@@ -528,7 +536,12 @@ def _notes(assembly: _Found, ground: int, tool: int, settings: Said) -> tuple[st
 
 
 def _rigid_reason(
-    number: int, joints: Sequence[Freedom], with_material: set[int], *, tiny: bool
+    number: int,
+    joints: Sequence[Freedom],
+    with_material: set[int],
+    *,
+    tiny: bool,
+    is_tool: bool = False,
 ) -> str:
     """Return the reason why a part is rigid; empty if it is elastic."""
     if number in with_material:
@@ -536,6 +549,8 @@ def _rigid_reason(
     faces = [joint.faces[joint.first != number] for joint in joints]
     if not all(faces):
         return "rigid: nothing touches it at one of its joints"
+    if len(joints) < 2 and is_tool:
+        return "rigid: one joint, and no part touches it where it is loaded"
     if len(joints) < 2:
         return "rigid: one joint, so that nothing but its own weight loads it"
     return "rigid: tiny" if tiny else ""

@@ -127,7 +127,7 @@ class Joint:
     rest: float = 0.0
     directed: bool = True
     """Whether its file gives an axis; without one, all held directions are equally compliant."""
-    astray: Array = field(default_factory=lambda: _zeros(6))
+    misalignment: Array = field(default_factory=lambda: _zeros(6))
     """Twist of its real axis from the drawn one, own axes and point; bodies as drawn at home."""
     carried_by: str = "second"
     """The body that its bearing stays on while it slides: the first or the second."""
@@ -140,12 +140,12 @@ class Joint:
     @property
     def real_joint(self) -> Joint:
         """The joint with its real axis."""
-        off = self.axes @ self.astray[:3]
+        off = self.axes @ self.misalignment[:3]
         return replace(
             self,
             at_first=self.at_first + off,
             at_second=self.at_second + off,
-            axes=self.axes @ turn(self.astray[3:]),
+            axes=self.axes @ turn(self.misalignment[3:]),
         )
 
     @property
@@ -262,6 +262,8 @@ class Machine:
     instrument: Instrument = field(default_factory=Instrument)
     sensor_masses: Mapping[str, float] = field(default_factory=dict[str, float])
     """Mass, kg, of the sensors at points of a hammer test, beyond the stated one."""
+    response_gains: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Factor on what `HAMMER`, a point or a channel such as `2.x` of a hammer test shows."""
     still: tuple[str, ...] = ()
     kept: tuple[str, ...] = ()
     """Drives and springs, and coordinates of M, that poses leave as at home."""

@@ -202,7 +202,7 @@ def _is_distorted(machine: Machine) -> bool:
         any(body.offset.any() for body in machine.bodies.values())
         or any(
             (j.at_first != j.at_second).any()
-            or j.astray.any()
+            or j.misalignment.any()
             or j.spring
             or (j.drive and (j.drive.offset or j.drive.pitch))
             for j in machine.joints.values()

@@ -187,13 +187,13 @@ class Signatures:
                 way = joint_state(
                     joint.drawn_joint, self._located.frames, *ends
                 ).displacement
-                astray = np.eye(6)[k].reshape(2, 3)
+                misalignment = np.eye(6)[k].reshape(2, 3)
                 along = way[:, None] * np.eye(3)[0]
                 if joint.kind == "prismatic":  # a rotated slide changes direction
-                    turned = way[:, None] * np.cross(astray[1], np.eye(3)[0])
+                    turned = way[:, None] * np.cross(misalignment[1], np.eye(3)[0])
                     moved[name] = np.hstack([turned, np.zeros((len(way), 3))])
                 else:
-                    moved[name] = np.hstack([a - turn(along) @ a for a in astray])
+                    moved[name] = np.hstack([a - turn(along) @ a for a in misalignment])
             columns.append(self._move(moved))
         return np.hstack(columns)
 

@@ -99,7 +99,7 @@ class LiveRobot:
     job : job whose stable depth of cut is shown, or None.
     ahead : the robot of the file as HTML, shown until the first one is built.
     tell : sends a message to the page; thread-safe.
-    made : assembled robot and the slider values used for it.
+    built : assembled robot and the slider values used for it.
     asked : newest setting.
     """
 
@@ -107,7 +107,7 @@ class LiveRobot:
     components: Any = None
     campaign: Path | None = None
     tell: Callable[[Mapping[str, Any]], None] = print
-    made: tuple[Assembled, Mapping[str, float | str]] | None = None
+    built: tuple[Assembled, Mapping[str, float | str]] | None = None
     asked: Setting | None = None
     job: Job | None = None
     ahead: Future[str] | None = None
@@ -143,7 +143,7 @@ class LiveRobot:
         self.asked = setting
         if former is None or former.values != setting.values:
             self._build.put(setting)
-        if self.made is not None:
+        if self.built is not None:
             self._follow.put(setting)
 
     def changed(self, values: Mapping[str, float | str]) -> RobotFile:
@@ -165,7 +165,7 @@ class LiveRobot:
             self.tell({"problem": str(error)})
             return
         keep_meshed(self._meshed, assembled.results)
-        self.made = assembled, setting.values
+        self.built = assembled, setting.values
         asked = self.asked or setting
         for work in (
             self._follow,
@@ -185,10 +185,10 @@ class LiveRobot:
 
     def follow(self, setting: Setting) -> None:
         """Send the results of a setting for the currently assembled robot."""
-        if self.made is None:
+        if self.built is None:
             return
         start = time.perf_counter()
-        (assembled, values) = self.made
+        (assembled, values) = self.built
         try:
             answer = live.answer(assembled, setting, self.job)
         except StiffscopeError as error:
@@ -206,9 +206,9 @@ class LiveRobot:
 
     def draw(self, setting: Setting) -> None:
         """Draw the maps and solids of the assembled robot."""
-        if self.made is None:
+        if self.built is None:
             return
-        assembled, _ = self.made
+        assembled, _ = self.built
         with contextlib.suppress(StiffscopeError), open_drawing() as draw_now:
             solids = live.view_html(assembled, setting, draw_now)
             self._drawn = True
@@ -218,9 +218,9 @@ class LiveRobot:
 
     def compare(self, _setting: Setting) -> None:
         """Compare the campaign's readings with the assembled robot and send the diagnosis."""
-        if self.campaign is None or self.made is None:
+        if self.campaign is None or self.built is None:
             return
-        assembled, _ = self.made
+        assembled, _ = self.built
         try:
             case = open_case(self.campaign, instead=str(self.robot.source.path))
             self.tell(live.compare_readings(case, assembled))

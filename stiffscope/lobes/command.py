@@ -75,22 +75,22 @@ def lobes(
     names = poses or lobes_section(job).poses
     asked = find_poses(job.robot, names, ()) if names else None
     manifest = manifest_of(job.robot, job.file)
-    made = assemble(job.robot, job.section.components, output)
+    assembled = assemble(job.robot, job.section.components, output)
     if mapped:
         with progress(quiet=output.quiet) as open_line, one_thread():
-            swept = map_depth(job, made, points, open_line("map"))
+            swept = map_depth(job, assembled, points, open_line("map"))
         emit(
             output,
             lambda: to_dataset(swept).to_dict(),
             partial(show.show_map, swept),
             manifest=manifest,
             fill=partial(show.write_depth_map, job, swept),
-            page=lambda report: write_map_report(report, made, show.MAP_TITLES),
+            page=lambda report: write_map_report(report, assembled, show.MAP_TITLES),
         )
         return
     at = None if asked is None else (asked.names, asked.configurations)
     with progress(quiet=output.quiet) as open_line, one_thread():
-        found = find_lobes(job, made, at, open_line("lobes"))
+        found = find_lobes(job, assembled, at, open_line("lobes"))
     emit(
         output,
         partial(show.lobes_json, found),

@@ -108,7 +108,7 @@ def _check_elastic(robot: RobotFile, name: str, body: ElasticBody) -> None:
         )
     if body.y is None:
         require(
-            isinstance(part, ParametricPart) and part.made.is_round,
+            isinstance(part, ParametricPart) and part.describes.is_round,
             (*key, "y"),
             f"a direction across a {part.shape} part, such as [0, 1, 0]",
             "nothing",
@@ -212,7 +212,7 @@ def _check_bearing(robot: RobotFile, name: str) -> None:
             joint.yielding(written_axes(robot, name))
     if getattr(joint, "drive", None) is None or joint.compliance is None:
         return
-    along = joint.made.driven or 0
+    along = joint.describes.driven or 0
     given = joint.compliance
     free = (
         (given.axial if along == 0 else 0.0)

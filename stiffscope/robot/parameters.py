@@ -112,7 +112,9 @@ def _of_parts(
 
 def _computed(part: PartSection) -> set[str]:
     """Return the sources whose matrix follows the part's dimensions."""
-    by_formula = isinstance(part, ParametricPart) and part.made.published == "formula"
+    by_formula = (
+        isinstance(part, ParametricPart) and part.describes.published == "formula"
+    )
     return {"fea", "step", "beam", *(["published"] if by_formula else [])}
 
 
@@ -120,10 +122,10 @@ def _of_joint(name: str, joint: JointSection) -> Iterator[tuple[Key, Any, str]]:
     drive = getattr(joint, "drive", None)
     bearing = joint.compliance
     if drive is not None and drive.stiffness:
-        unit = "N*m/rad" if joint.made.turns else "N/m"
+        unit = "N*m/rad" if joint.describes.turns else "N/m"
         yield as_written(("joints", name, "drive", "stiffness")), drive.stiffness, unit
     if getattr(joint, "spring", None) is not None:
-        unit = "N*m/rad" if joint.made.turns else "N/m"
+        unit = "N*m/rad" if joint.describes.turns else "N/m"
         yield (
             as_written(("joints", name, "spring")),
             getattr(joint, "spring", None),

@@ -54,7 +54,9 @@ def part_parameters(robot: RobotFile, name: str) -> dict[str, tuple[float, str]]
     if not isinstance(part, ParametricPart):
         return {}
     lengths = part.parameters().lengths().items()
-    out = {key: (value, "m") for key, value in lengths if key not in part.made.along}
+    out = {
+        key: (value, "m") for key, value in lengths if key not in part.describes.along
+    }
     material = robot.material(name)
     for field in fields(material) if material is not None else ():  # type: ignore[arg-type]
         if field.name.endswith("modulus"):

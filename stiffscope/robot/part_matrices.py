@@ -314,7 +314,7 @@ def beam_compliance(
 def published_compliance(robot: RobotFile, name: str) -> np.ndarray:
     """Return the Biglide's published 6x6: a rod's by docs/theory.md (7.1), a plate's as printed."""
     part = robot.parts[name]
-    if isinstance(part, ParametricPart) and part.made.published == "formula":
+    if isinstance(part, ParametricPart) and part.describes.published == "formula":
         return beam_compliance(robot, name, euler_bernoulli)
     table = getattr(part, "published", None)
     if table is None:

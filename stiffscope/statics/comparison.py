@@ -55,7 +55,7 @@ class RobotComparison:
     sag: Array
     mass: Array
     change: StiffnessMap | None
-    made: dict[str, Assembled]
+    robots: dict[str, Assembled]
     places: tuple[tuple[float, ...], ...]
     """Coordinates of the poses, m and rad."""
 
@@ -88,7 +88,7 @@ def compare_robots(
         names = (first.path.stem, second.path.stem)
     if names[0] == names[1]:
         names = (names[0], f"{names[1]} (second)")
-    made = assemble_robots({"first": first, "second": second}, components, shop)
+    robots = assemble_robots({"first": first, "second": second}, components, shop)
     poses = {
         **{name: tuple(pose) for name, pose in second.poses.items()},
         **first.poses,
@@ -98,23 +98,23 @@ def compare_robots(
     if poses:
         valid = [
             configured_poses(assembled.robot, assembled.mechanism, values).valid
-            for assembled in made.values()
+            for assembled in robots.values()
         ]
         reached = np.all(valid, axis=0)
     require(reached.any(), "compare", "a named pose that both robots reach", "none")
     both = [
         analyse(assembled.mechanism, values[reached], gravity="exact")
-        for assembled in made.values()
+        for assembled in robots.values()
     ]
     plain = [
-        analyse(assembled.mechanism, values[reached]) for assembled in made.values()
+        analyse(assembled.mechanism, values[reached]) for assembled in robots.values()
     ]
     change = None
     if first.map is not None and second.map is not None:
-        one = map_robot(first, made["first"].mechanism, POINTS, "none")
+        one = map_robot(first, robots["first"].mechanism, POINTS, "none")
         sweep = replace(second, map=first.map)
         with suppress(InputError):
-            other = map_robot(sweep, made["second"].mechanism, POINTS, "none")
+            other = map_robot(sweep, robots["second"].mechanism, POINTS, "none")
             change = replace(one, loaded=other.stiffness)
     return RobotComparison(
         names=names,
@@ -122,9 +122,9 @@ def compare_robots(
         stiffness=np.array([state.matrix for state in plain]),
         push=np.array([state.alone for state in plain]),
         sag=np.array([state.sag for state in both]),
-        mass=np.array([mass_of(assembled) for assembled in made.values()]),
+        mass=np.array([mass_of(assembled) for assembled in robots.values()]),
         change=change,
-        made=made,
+        robots=robots,
         places=tuple(map(tuple, values[reached].tolist())),
     )
 

@@ -156,7 +156,7 @@ def test_base_and_tool_that_yield_and_lacks_of_fit_are_exported():
     soft = np.diag([1e-7, 2e-7, 3e-7, 1e-6, 2e-6, 3e-6])
     lack = np.array([2e-4, -1e-4, 3e-4, 1e-4, 2e-4, -3e-4])
     mechanism = pendulum(base=Change(soft), grip=Change(2 * soft)).change_elements(
-        {"arm": Change(offset=lack), "motor": Change(astray=0.1 * lack)}
+        {"arm": Change(offset=lack), "motor": Change(misalignment=0.1 * lack)}
     )
     # a robot of home pose only: what is displaced is so there
     found = configure(mechanism, [mechanism.tool.home])

@@ -260,6 +260,40 @@ def test_a_lower_highest_frequency_allows_larger_steps(tmp_path):
     assert steps[0] > 3.0 * steps[1]
 
 
+@pytest.mark.parametrize("name", ["serial-arm", "five-bar"])
+def test_what_vibrates_above_the_highest_frequency_is_lumped(name, tmp_path):
+    highest = 300.0
+    wanted = replace(order(load_robot(name)), highest=highest)
+    model, data, _ = load(tmp_path, wanted)
+    # an undamped spring is stable below 1/(pi f), in Hz
+    assert model.opt.timestep == pytest.approx(0.8 / (np.pi * highest), rel=0.05)
+    mechanism = wanted.assembled.mechanism
+    found = wanted.asked.configurations
+    soft = compliance(mechanism, found)
+    sagged = sag(mechanism, found)
+    hertz = frequencies(mechanism, found, 6)
+    for k in range(len(found)):
+        mujoco.mj_resetDataKeyframe(model, data, k)
+        mujoco.mj_forward(model, data)
+        free = settling.place(data)
+        # inertia in proportion to stiffness adds 1/f_h^2 to the square of each period
+        ours = settling.frequencies(model, data)
+        lumped = 1.0 / np.sqrt(hertz[k] ** -2 + highest**-2)
+        np.testing.assert_allclose(ours[:6], lumped, rtol=0.01)
+        closing = int((model.actuator_trntype == mujoco.mjtTrn.mjTRN_SITE).sum())
+        # what closes loops is faster, and overdamped
+        assert (ours > highest * 1.001).sum() <= closing
+        mujoco.mj_resetDataKeyframe(model, data, k)
+        assert settling.growth(model, data) <= 1.0 + 1e-6
+        close(settling.twist(free, settling.settle(model, data)), sagged[k], 0.01)
+        home = settling.balance(model, data)
+        rest = data.qpos.copy()
+        for wrench in np.eye(6):
+            data.qpos[:] = rest
+            moved = settling.twist(home, settling.balance(model, data, wrench))
+            close(moved, soft[k] @ wrench, 0.01)
+
+
 def test_robots_that_a_simulator_cannot_hold_are_refused(tmp_path):
     path = tmp_path / "arm.toml"
     path.write_text(ARM.format(drive=""))

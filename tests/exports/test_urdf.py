@@ -88,7 +88,7 @@ def test_zeros_axes_and_tool_that_were_found_are_in_the_urdf(tmp_path):
 
     def change(mechanism):
         changes = {
-            "J2": Change(offset=zero, astray=axis),
+            "J2": Change(offset=zero, misalignment=axis),
             "<tool>": Change(offset=grip),
         }
         return mechanism.change_elements(changes)

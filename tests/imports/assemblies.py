@@ -767,3 +767,61 @@ ALL = {
     "finger": finger,
 }
 ALL |= {"lever": lever, "dovetail": dovetail, "gears": gears}
+
+
+def _box(x: Any, y: Any, z: Any) -> Any:
+    """A box between two numbers along each axis."""
+    low, high = np.array([x, y, z], float).T
+    return b.Pos(*((low + high) / 2)) * b.Box(*(high - low))
+
+
+def _along_y(radius: float, x: float, z: float, y: Any) -> Any:
+    """A cylinder along y between two numbers."""
+    cylinder = b.Rot(90, 0, 0) * b.Cylinder(radius, y[1] - y[0])
+    return b.Pos(x, sum(y) / 2, z) * cylinder
+
+
+def gantry() -> Made:
+    """A cross table: rails screwed to a base, carriages, a beam, two rods of 10 mm in blocks, a head."""
+    made = Made()
+    base = _box((-200, 200), (-150, 150), (-30, 0))
+    beam = _box((-30, 30), (-140, 140), (28, 68))
+    for k, y in enumerate((-110, 110), 1):
+
+        def profile(length: float, y: float = y) -> Any:
+            half = length / 2
+            rail = _box((-half, half), (y - 7.5, y + 7.5), (0, 15))
+            for side in ((y - 7.5, y - 5.5), (y + 5.5, y + 7.5)):
+                rail -= _box((-half, half), side, (6, 10))
+            return rail
+
+        rail = profile(380)
+        for x in (-150, 0, 150):
+            rail -= b.Pos(x, y, 7.5) * b.Cylinder(2.25, 15)
+            base -= b.Pos(x, y, -10) * b.Cylinder(2, 20)
+            screw_ = b.Pos(x, y, 2.5) * b.Cylinder(2, 25)
+            made.buy(
+                f"screw_rail{k}_{x}", screw_ + b.Pos(x, y, 16.5) * b.Cylinder(3.5, 3)
+            )
+        made.add(f"rail_x{k}", rail)
+        carriage = _box((-30, 30), (y - 17, y + 17), (5, 28)) - profile(60)
+        carriage -= _box((-30, 30), (y - 5.5, y + 5.5), (0, 15))
+        for x in (-20, 20):
+            carriage -= b.Pos(x, y, 24) * b.Cylinder(2.1, 8)
+            beam -= b.Pos(x, y, 48) * b.Cylinder(2.6, 40)
+            screw_ = b.Pos(x, y, 44) * b.Cylinder(2.1, 48)
+            made.buy(f"screw_beam{k}_{x}", screw_ + b.Pos(x, y, 70) * b.Cylinder(4, 4))
+        made.add(f"carriage_x{k}", carriage)
+    made.add("base", base)
+    made.add("beam", beam)
+    for k, y in enumerate((-130, 130), 1):
+        block = _box((30, 60), (y - 10, y + 10), (28, 68))
+        for z in (36, 60):
+            block -= _along_y(5, 45, z, (y - 10, y + 10))
+        made.add(f"endblock{k}", block)
+    head = _box((32, 90), (-25, 25), (30, 66))
+    for k, z in enumerate((36, 60), 1):
+        made.add(f"rod{k}", _along_y(5, 45, z, (-140, 140)))
+        head -= _along_y(5.02, 45, z, (-25, 25))
+    made.add("head", head)
+    return made

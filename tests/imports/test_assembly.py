@@ -24,6 +24,7 @@ from stiffscope.cad.built_assembly import read_built
 from stiffscope.cad.contacts import find_contacts
 from stiffscope.cad.materials import MATERIALS
 from stiffscope.errors import InputError
+from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.imports.assembly_parts import choose_materials
 from stiffscope.imports.contact_joints import find_joints
 from stiffscope.imports.hardware import find_hardware
@@ -33,6 +34,8 @@ from stiffscope.imports.part_estimates import estimate_part
 from stiffscope.imports.said import Said, said_beside
 from stiffscope.robot.inspection import inspect_robot
 from stiffscope.robot.reader import load_robot
+from stiffscope.runtime.workshop import workshop
+from stiffscope.vjm.statics.analysis import stiffness
 from tests.experiments.one_part import write_bar
 from tests.imports import assemblies
 
@@ -857,6 +860,92 @@ def test_a_rod_in_end_blocks_is_held_by_them_and_bends_between_its_joints(
     long = (280 - 2 * 20 - 50) / 2
     expected = sorted(2 * np.pi * 5 * each for each in (20, 20, 50, long, long))
     assert areas == pytest.approx([1e-6 * each for each in expected], rel=1e-9)
+
+
+@pytest.fixture(scope="module")
+def gantry(tmp_path_factory):
+    """The gantry as imported, without further words."""
+    folder = tmp_path_factory.mktemp("gantry")
+    assemblies.gantry().write(folder / "gantry.step")
+    said = Said(ground="base", tool="head", material=("*=steel",))
+    return import_assembly(folder / "gantry.step", folder / "gantry.toml", said)
+
+
+def test_rods_of_a_gantry_are_named_as_its_softest_parts(gantry):
+    assert not any(doubt.warning for doubt in gantry.doubts)
+    softest = next(n for n in gantry.model.notes if n.startswith("softest parts"))
+    assert re.findall(r"(\w+) \(", softest)[:2] == ["rod1", "rod2"]
+
+
+@pytest.mark.long
+def test_a_gantry_is_as_stiff_as_its_rods(gantry):
+    """Rods of 280 x 10 mm clamped at both ends: 192 EI/L^3 = 1.44 N/um, with the middle 50 mm held 2.9."""
+    robot = load_robot(gantry.file)
+    with workshop() as shop:
+        found = assemble_robots({"": robot}, None, shop, whole=False)[""]
+    matrix = stiffness(found.mechanism, [robot.poses["home"]])[0]
+    assert 2.9e6 < matrix[2, 2] < 5.8e6
+
+
+def test_equal_rods_in_halves_of_blocks_are_one_part(tmp_path):
+    """A half's patch has its centroid at -0.0 on one rod and at 0.0 on the other."""
+    children = []
+
+    def add(name, shape):
+        solid = shape.solid()
+        solid.label = name
+        children.append(solid)
+
+    add("base", b.Pos(0, 0, -10) * b.Box(400, 120, 20))
+    for j, y in enumerate((-30, 30)):
+        rod = b.Pos(0, y, 30) * b.Rot(0, 90, 0) * b.Cylinder(4, 340)
+        add(f"rod{j}", rod)
+        for i, x in enumerate((-160, 160)):
+            add(f"lower{i}{j}", b.Pos(x, y, 15) * b.Box(24, 30, 30) - rod)
+            add(f"upper{i}{j}", b.Pos(x, y, 36) * b.Box(24, 30, 12) - rod)
+    head = b.Pos(0, 0, 40) * b.Box(60, 100, 36)
+    for y in (-30, 30):
+        head -= b.Pos(0, y, 30) * b.Rot(0, 90, 0) * b.Cylinder(4.02, 60)
+    add("head", head)
+    found = from_assembly(
+        b.Compound(label="halves", children=children),
+        tmp_path / "halves.toml",
+        material="*=steel",
+        ground="base",
+        tool="head",
+    )
+    assert not any(doubt.warning for doubt in found.doubts)
+    robot = load_robot(tmp_path / "halves.toml")
+    ends = {"lower", "upper"}
+    rods = {name: part for name, part in robot.parts.items() if name.startswith("rod")}
+    assert len(rods) == 1
+    (part,) = rods.values()
+    assert {name[:5] for name in part.interfaces} >= ends
+
+
+def test_a_slender_tool_that_nothing_touches_is_warned_of(tmp_path):
+    """A rod of 6 mm, 150 mm free, bends by 60 um/N: as a rigid tool it would not."""
+    rod = b.Pos(75, 0, 30) * b.Rot(0, 90, 0) * b.Cylinder(3, 200)
+    parts = {
+        "base": b.Pos(0, 0, -10) * b.Box(200, 100, 20),
+        "slide": b.Pos(0, 0, 30) * b.Box(50, 60, 60) - rod,
+        "probe": rod,
+    }
+    children = []
+    for name, shape in parts.items():
+        solid = shape.solid()
+        solid.label = name
+        children.append(solid)
+    found = from_assembly(
+        b.Compound(label="probe", children=children),
+        tmp_path / "probe.toml",
+        material="*=steel",
+        ground="base",
+        tool="probe",
+    )
+    told = [d.text for d in found.doubts if d.warning and d.solids == ("probe",)]
+    assert len(told) == 1
+    assert "no part touches it where it is loaded" in told[0]
 
 
 @pytest.mark.parametrize("length", [30, 36])

@@ -1,12 +1,16 @@
 """The laboratory's hammer: a dense model beside the library's modes, noise as coherence says, and its files."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import pyuff
 
 from stiffscope.errors import InputError
 from stiffscope.gap.campaign.measured_responses import load_responses
+from stiffscope.gap.campaign.response_lines import stack_parts
 from stiffscope.gap.campaigns import open_case, rough_mechanism
+from stiffscope.gap.diagnose import forward_model
 from stiffscope.gap.effects.vocabulary import apply_effect
 from stiffscope.gap.forward.response_model import predict_responses
 from stiffscope.lab.closure import locate
@@ -161,3 +165,47 @@ def test_uneven_lines_are_not_written(tmp_path):
     uneven = response("receptance", None, np.array([1.0, 2.0, 3.1]))
     with pytest.raises(InputError, match="tap: expected evenly spaced lines"):
         write_uff(tmp_path / "a.uff", [uneven], {})
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("ratio", [0.003, 0.01, 0.04])
+def test_damping_beyond_the_band_pulls_no_line(ratio, tmp_path):
+    """Modes just above the band have a damping of their own, which is no other stiffness."""
+    machine, plan, located, components = hammer("five-bar", 301)
+    below = plan.hertz <= 450.0  # the fifth mode is at 541 Hz
+    plan = replace(plan, hertz=plan.hertz[below])
+    damping = np.array([*[0.01] * 4, ratio])
+    true = strike(machine, plan, located, damping)
+    rows = record(true, plan, HammerNoise(), np.random.default_rng(6))
+    pose = list(machine.robot.poses)[-1]
+    names = {"tap": pose}
+    write_responses(
+        tmp_path, plan, rows, robot="five-bar", names=names, components=components
+    )
+    case = open_case(tmp_path)
+    mechanism = rough_mechanism(case.robot, components)
+    responses = load_responses(tmp_path, case.campaign, case.robot, mechanism)
+    model = forward_model(case.campaign, NominalRobot(mechanism, case.robot), responses)
+    (state,) = model.predict().states
+    (block,) = model.blocks
+    lines = np.searchsorted(plan.hertz, block.frequency - 1e-6)
+    exact = true.reshape(-1, len(plan.hertz))[:, lines]
+    ideal = replace(state, block=replace(block, value=exact))
+    left = (stack_parts(exact) - ideal.values) / np.tile(block.sigma.ravel(), 2)
+    # what the priors of damping leave: it was 260 and 2577 with the usual one beyond the band
+    assert np.sum(left**2) < 8.0
+
+
+@pytest.mark.slow
+def test_a_gain_scales_the_responses_of_its_channels_alone():
+    machine, plan, located, _ = hammer("biglide", 21)
+    true = strike(machine, plan, located, DAMPING)
+    for place, scaled in (
+        ("hammer", [True] * 6),
+        ("7", [False] * 3 + [True] * 3),
+        ("1.y", [False, True, *[False] * 4]),
+    ):
+        wrong = inject(machine, "response-gain", place, {"factor": 1.3})
+        found = strike(wrong, plan, located, DAMPING)
+        factor = np.where(scaled, 1.3, 1.0)[:, None]
+        assert found == pytest.approx(factor * true, rel=1e-12, abs=0.0)

@@ -31,7 +31,7 @@ def test_a_type_of_joint_says_all_that_is_asked_of_it(kind):
     made = JOINT_TYPES[kind]
     joint = example(kind)
     section = JOINTS[kind]
-    assert joint.type is section.made is made
+    assert joint.type is section.describes is made
     assert inspect.getdoc(section) == made.about
     assert all(
         row.means for row in all_keys()["robot"][f'[joints.NAME], type = "{kind}"']

@@ -78,8 +78,8 @@ class JointType:
 
 
 JOINT_TYPES = {
-    made.name: made
-    for made in (
+    joint_type.name: joint_type
+    for joint_type in (
         JointType("fixed", "Holds all motions; its axes are the base axes.", (), 0),
         JointType(
             "revolute",
@@ -125,8 +125,10 @@ JOINT_TYPES = {
         ),
     )
 }
-FREE = {name: made.free for name, made in JOINT_TYPES.items()}
-LED = tuple(name for name, made in JOINT_TYPES.items() if made.driven is not None)
+FREE = {name: joint_type.free for name, joint_type in JOINT_TYPES.items()}
+LED = tuple(
+    name for name, joint_type in JOINT_TYPES.items() if joint_type.driven is not None
+)
 """Types that guide a body about or along one axis."""
 
 
@@ -273,7 +275,7 @@ class Joint:
     that is what the bearing is ``carried_by`` while the second slides through it; the second of a
     prismatic joint is then the rail, and the axes are fixed to it. In these axes:
     bearing ``compliance`` (6, 6), ``offset`` (6,) of the unloaded second body (encoder offset, lack
-    of fit), ``astray`` (6,), the twist from the nominal to the actual joint; bodies at home, and
+    of fit), ``misalignment`` (6,), the twist from the nominal to the actual joint; bodies at home, and
     poses, are nominal. ``spring`` in N/m or N·m/rad resists each free motion of a passive joint (a
     flexure); unloaded at the displacement ``rest`` from home.
     """
@@ -288,7 +290,7 @@ class Joint:
     drive: Drive | None = None
     compliance: Array | None = None
     offset: Array | None = None
-    astray: Array | None = None
+    misalignment: Array | None = None
     spring: float | None = None
     rest: float = 0.0
     carried_by: Literal["first", "second"] = "second"
@@ -339,7 +341,7 @@ class Joint:
         for key, value in fields.items():
             assign(out, key, value)
         here = spell_name("joints", self.name)
-        if "compliance" in fields or "offset" in fields or "astray" in fields:
+        if "compliance" in fields or "offset" in fields or "misalignment" in fields:
             _check_displacement(out, here)
         if "spring" in fields:
             _check_spring(out, here)
@@ -355,7 +357,7 @@ class Joint:
             vars(out).pop(known, None)
         assign(out, "at", self.at + shift)
         assign(out, "axis", None if self.axis is None else turn @ self.axis)
-        assign(out, "astray", None)
+        assign(out, "misalignment", None)
         return out
 
     @cached_property
@@ -422,10 +424,12 @@ def _check_displacement(joint: Joint, here: str) -> None:
     if joint.offset is not None:
         offset = check_array(joint.offset, (6,), f"{here}.offset", "a twist")
         assign(joint, "offset", offset)
-    if joint.astray is not None:
-        astray = check_array(joint.astray, (6,), f"{here}.astray", "a twist")
-        assign(joint, "astray", astray)
-        _check_kind(joint, f"{here}.astray", LED)
+    if joint.misalignment is not None:
+        misalignment = check_array(
+            joint.misalignment, (6,), f"{here}.misalignment", "a twist"
+        )
+        assign(joint, "misalignment", misalignment)
+        _check_kind(joint, f"{here}.misalignment", LED)
 
 
 def _check_drive(joint: Joint, here: str) -> None:

@@ -83,13 +83,13 @@ class Change:
 
     compliance: Array | None = None
     offset: Array | None = None
-    astray: Array | None = None
+    misalignment: Array | None = None
     spring: float | None = None
 
     @property
     def displaces(self) -> bool:
         """Whether it is a geometric error."""
-        return self.offset is not None or self.astray is not None
+        return self.offset is not None or self.misalignment is not None
 
 
 NO_CHANGE = Change()
@@ -244,7 +244,7 @@ class Mechanism:
 
 def _apply_change(element: Any, change: Change) -> Any:
     new: dict[str, Any] = {}
-    for key in ("compliance", "offset", "astray"):
+    for key in ("compliance", "offset", "misalignment"):
         now = getattr(element, key, None)
         more = getattr(change, key)
         if more is not None:

@@ -70,12 +70,12 @@ class Stiff:
         along = chain_loads(self.where, load, self.connection)
         preload: Array = np.zeros((1, 6, load.loads.cases))
         spans = [along.offset] if along.offset.any() else []
-        if any(along.laden):
+        if any(along.loaded):
             preload, strains = self._hold_end(along, load.loads.balanced)
             spans += strains
         if spans:
             preload = preload - self.stiffness @ reduce(np.add, spans)
-        if spans or any(along.laden):
+        if spans or any(along.loaded):
             load.add(self.connection.end, -preload)
             load.add(self.connection.start, preload + along.carried[0])
         return along, preload
@@ -100,13 +100,13 @@ class Stiff:
                 ).any():
                     _refuse([e.name for e, _ in members])
         strains: list[Array] = []
-        for (e, _), wrench, laden in zip(
-            members, along.carried, along.laden, strict=True
+        for (e, _), wrench, loaded in zip(
+            members, along.carried, along.loaded, strict=True
         ):
             factor = where.columns(e)[0]
             if factor.shape[2]:
                 strains.append(
-                    factor @ (factor.mT @ (wrench + hold if laden else hold))
+                    factor @ (factor.mT @ (wrench + hold if loaded else hold))
                 )
         return hold, strains
 
@@ -121,7 +121,7 @@ class Stiff:
         along, preload = factors
         for (e, _), carried in zip(self.connection.members, along.carried, strict=True):
             factor = self.where.columns(e)[0]
-            if any(along.laden) and factor.shape[2]:
+            if any(along.loaded) and factor.shape[2]:
                 yield factor.mT @ (preload + carried)
 
 
@@ -164,14 +164,14 @@ class Folded:
             names = [e.name for e, _ in connection.members]
             along = chain_loads(self.where, load, connection)
             if not (
-                self.step.node in load.forces or any(along.laden) or along.offset.any()
+                self.step.node in load.forces or any(along.loaded) or along.offset.any()
             ):
                 return along, np.zeros((1, self.half.shape[1], load.loads.cases)), force
             load.add(self.start, force + along.carried[0])
             if along.offset.any():
                 drive = drive - self.own @ along.offset
             drive = self.columns.mT @ drive
-            if any(along.laden):
+            if any(along.loaded):
                 drive = drive + along.project()
         push = self.half @ drive
         moved = self.half.mT @ push
@@ -249,15 +249,15 @@ class Condensed:
 def condense_network(order: Order, where: Places) -> Condensed:
     """Condense a network. Raises InfiniteStiffnessError if a connection is infinitely stiff."""
     state = Condensed(order, where)
-    ready: dict[Connection, Array] = {}
+    prepared: dict[Connection, Array] = {}
     if where.rigid:
-        ready.update(_carry_constants(order, where))
+        prepared.update(_carry_constants(order, where))
     if len(where.tool) <= FEW:
         where.evaluate(order.moving if where.rigid else order.elements)
-        ready.update(_stiffen_alike(order, where, ready))
+        prepared.update(_stiffen_alike(order, where, prepared))
     for step in order.steps:
         if isinstance(step, Connection):
-            state.gone.append(_stiffen(state, step, ready.get(step)))
+            state.gone.append(_stiffen(state, step, prepared.get(step)))
         else:
             state.gone.append(_fold(state, step))
     return state
@@ -271,22 +271,22 @@ def condense_loads(state: Condensed, loads: Loads) -> CondensedLoads:
     if state.where.rigid:
         _carry_columns(state.order, state.where)
     for gone in state.gone:
-        out.kept.append(gone.carry(out))
+        out.recovery.append(gone.carry(out))
     return out
 
 
 def recover_response(state: Condensed, load: CondensedLoads, out: Response) -> Response:
     """Recover all nodes and elements from the remaining ones, in place."""
-    for gone, kept in zip(reversed(state.gone), reversed(load.kept), strict=True):
-        gone.recover(kept, out)
+    for gone, needed in zip(reversed(state.gone), reversed(load.recovery), strict=True):
+        gone.recover(needed, out)
     return out
 
 
 def store_energy(state: Condensed, load: CondensedLoads) -> Array:
     """Return twice the energy (n or 1, c, c) of loads, not offsets, with remaining nodes fixed."""
     out: Array = np.zeros((1, load.loads.cases, load.loads.cases))
-    for gone, kept in zip(state.gone, load.kept, strict=True):
-        for stress in gone.stresses(kept):
+    for gone, needed in zip(state.gone, load.recovery, strict=True):
+        for stress in gone.stresses(needed):
             out = out + multiply_transposed(stress)
     return out
 
@@ -331,12 +331,12 @@ def _carry_columns(order: Order, where: Places) -> None:
 
 
 def _stiffen_alike(
-    order: Order, where: Places, ready: Container[Connection]
+    order: Order, where: Places, prepared: Container[Connection]
 ) -> Iterator[Stiffened]:
     """Stiffen others of as many columns at once: for few poses call overhead dominates."""
     alike: dict[tuple[int, ...], list[tuple[Connection, Array, Array]]] = {}
     for c in order.steps:
-        if isinstance(c, Connection) and c not in ready:
+        if isinstance(c, Connection) and c not in prepared:
             factor, free = c.flexible(where)
             if len(factor) == len(free):
                 alike.setdefault((factor.shape[2], free.shape[2]), []).append(

@@ -44,12 +44,12 @@ class Loads:
 class CondensedLoads:
     """Loads carried through a condensation: ``forces`` (n or 1, 6, c) on the remaining nodes.
 
-    ``kept``: what each step needs to recover its part of the response.
+    ``recovery``: what each step needs to recover its part of the response.
     """
 
     loads: Loads
     forces: dict[str, Array]
-    kept: list[Any] = field(default_factory=list[Any])
+    recovery: list[Any] = field(default_factory=list[Any])
 
     def add(self, node: str, wrench: Array) -> None:
         """Add a wrench to a node."""
@@ -161,7 +161,7 @@ class ChainLoads:
     connection: Connection
     where: Places
     carried: list[Array]
-    laden: list[bool]
+    loaded: list[bool]
     """Whether ``carried`` is not zero."""
 
     moved: list[Array | None]
@@ -170,11 +170,11 @@ class ChainLoads:
     def project(self, kinds: tuple[int, ...] = (0, 1)) -> Array:
         """Return inner loads (n, k, c) along its strains (kind 0), then its free motions (1)."""
         columns = [self.where.columns(e) for e, _ in self.connection.members]
-        members = list(zip(columns, self.carried, self.laden, strict=True))
+        members = list(zip(columns, self.carried, self.loaded, strict=True))
         return stack_rows(
-            c[kind].mT @ w if laden else np.zeros((1, c[kind].shape[2], w.shape[2]))
+            c[kind].mT @ w if loaded else np.zeros((1, c[kind].shape[2], w.shape[2]))
             for kind in kinds
-            for c, w, laden in members
+            for c, w, loaded in members
         )
 
     def follow(
@@ -191,8 +191,8 @@ class ChainLoads:
         """
         nothing = np.zeros((1, 6, span.shape[2]))
         members = self.connection.members
-        inner = zip(self.carried, self.laden, strict=True)
-        wrenches = [wrench + w if laden else wrench for w, laden in inner]
+        inner = zip(self.carried, self.loaded, strict=True)
+        wrenches = [wrench + w if loaded else wrench for w, loaded in inner]
         if out.wanted == "wrenches" and self.connection.bare:
             for (e, sign), w in zip(members, wrenches, strict=True):
                 out.elements[e.name] = ElementState(
@@ -242,12 +242,12 @@ def chain_loads(
     offset = none
     offsets = load.loads.offsets
     each: list[Array] = [none]
-    laden = [False]
+    loaded = [False]
     for node in reversed(connection.inner):
         if node in load.forces:
             total = load.forces[node] if total is none else total + load.forces[node]
         each.insert(0, total)
-        laden.insert(0, bool(total.any()))
+        loaded.insert(0, bool(total.any()))
     moved: list[Array | None] = []
     for e, sign in connection.members:
         twist = (
@@ -260,7 +260,7 @@ def chain_loads(
         connection=connection,
         where=where,
         carried=each,
-        laden=laden,
+        loaded=loaded,
         moved=moved,
         offset=offset,
     )

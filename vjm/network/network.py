@@ -369,12 +369,14 @@ def _joint(joint: Joint, first: str, second: str) -> Element:
         joint,
         sprung=len(sprung),
     )
-    return out if joint.astray is None else _mislay(out, joint, joint.astray)
+    return (
+        out if joint.misalignment is None else _mislay(out, joint, joint.misalignment)
+    )
 
 
-def _mislay(element: Element, drawn: Joint, astray: Array) -> Element:
+def _mislay(element: Element, drawn: Joint, misalignment: Array) -> Element:
     """Return a joint's element at the actual place of its axis."""
-    away = np.kron(np.eye(2), drawn.axes) @ astray
+    away = np.kron(np.eye(2), drawn.axes) @ misalignment
     turn = rotation_of(away[None, 3:])[0]
     there = drawn.move_axis(turn, away[:3])
     return replace(

@@ -44,7 +44,8 @@ def export_exudyn(order: Order) -> Exported:
             ("elastic bodies", str(len(model["elastic_bodies"]))),
             ("of these with own modes", str(len(modal))),
             ("joints", str(len(model["joints"]))),
-            ("model.py", f"python model.py [{'|'.join(names)}]"),
+            ("poses", str(len(names))),
+            ("to run it", "python model.py [POSE]"),
         ),
         remarks=tuple(remarks),
     )

@@ -107,7 +107,9 @@ def _displace(patterns: tuple[list[str], Array], values: Array) -> Changes:
     """Return the changes of axes and zeros for errors (k,)."""
     joints, twists = patterns
     moved = zip(joints, np.tensordot(values, twists, 1), strict=True)
-    return {joint: Change(offset=zero, astray=axis) for joint, (zero, axis) in moved}
+    return {
+        joint: Change(offset=zero, misalignment=axis) for joint, (zero, axis) in moved
+    }
 
 
 def _rms(counts: Sequence[int], values: Array) -> Array:

@@ -210,4 +210,7 @@ def find_axis_twists(mechanism: Mechanism) -> dict[str, dict[str, Array]]:
 
 def mislay_axes(patterns: Mapping[str, Array], values: Array) -> Changes:
     """Displace joint axes by the parameters (k,) times their own twists (k, 6)."""
-    return {name: Change(astray=values @ pattern) for name, pattern in patterns.items()}
+    return {
+        name: Change(misalignment=values @ pattern)
+        for name, pattern in patterns.items()
+    }

@@ -60,7 +60,8 @@ class NuisanceSettings:
         Distance of close modes, relative to frequency, over their damping ratio: twice the
         half-power width.
     heard
-        Height of a mode's peak over the noise from which its damping is fitted.
+        Change of a line by twice the damping of a mode, over the noise of all responses, from which
+        it is fitted.
     rounds
         Most steps of the fit of damping.
     step
@@ -72,7 +73,8 @@ class NuisanceSettings:
     least, most
         Range of damping ratios.
     beside
-        Modes whose damping is fitted: from the lowest line over, to the highest times this.
+        Modes whose damping is fitted, where heard: from the lowest line over, to the highest times
+        this.
     static
         Frequency of modes over the highest line from which inertial loads are left out of
         derivatives.
@@ -94,7 +96,7 @@ class NuisanceSettings:
     share: float = 0.01
     least: float = 1e-5
     most: float = 0.3
-    beside: float = 1.15
+    beside: float = 4.0
     static: float = 4.0
     far: float = 10.0
 
@@ -315,6 +317,14 @@ class _Damping:
         out[first, second] = self.coupling * self.scale_pairs(critical)
         out = out + out.T
         return out[np.ix_(cluster, cluster)]
+
+
+@dataclass(frozen=True, eq=False)
+class _Swept:
+    """Amplitudes (a, p, f) of near modes under unit forces at the ports, at s (f,)."""
+
+    amplitudes: Complex
+    s: Complex
 
 
 @dataclass(frozen=True, eq=False)
@@ -578,13 +588,16 @@ class ResponseState:
             hertz < lines[-1] * limits.beside
         )
         modes = np.flatnonzero(beside)
-        # the peak of each mode, 1/(2 ζ k), in the responses over their noise nearby
+        # of g = 1/(k - ω² m + 2 i ζ ω √(k m)), by the logarithm of ζ, at the line nearest to the mode
         at = np.abs(np.log(hertz[modes, None] / lines)).argmin(axis=1)
+        x = lines[at] / hertz[modes]
+        slope = 2.0 * ratio * x / ((1.0 - x**2) ** 2 + (2.0 * ratio * x) ** 2)
         force, motion = self.pairs.T
         nearest = self._near[modes]
         part = self.ports[force][:, nearest] * self.ports[motion][:, nearest]
-        peak = np.abs(part) / (2.0 * ratio * self.modes.stiffness[nearest])
-        heard = np.any(peak > limits.heard * self.block.noise[:, at], axis=0)
+        change = part * slope / self.modes.stiffness[nearest]
+        told = np.linalg.norm(change / self.block.noise[:, at], axis=0)
+        heard = told > limits.heard
         fitted = modes[heard]
         apart = np.abs(np.log(hertz[fitted, None] / hertz[fitted]))
         close = np.argwhere(np.triu(apart < limits.close * ratio, 1))
@@ -616,9 +629,9 @@ class ResponseState:
     def _fit_at(self, damping: _Damping) -> _FittedDamping:
         """Return lines and nuisances with a damping."""
         amplitudes = self._respond(damping, self.s)
-        received = self._receive(amplitudes, self.s)
-        lines = self._pick_lines(received)
-        nuisance = self._find_nuisance(damping, amplitudes, received)
+        received, turned = self._receive_all(_Swept(amplitudes, self.s))
+        lines = received * self.window
+        nuisance = self._find_nuisance(damping, amplitudes, lines, turned)
         left = (self.block.value - self.block.read(lines)) * self.block.weight
         distance = damping.find_distance(nuisance.count, self.settings)
         step, square = nuisance.fit(left, distance)
@@ -658,9 +671,9 @@ class ResponseState:
         """Return the lines (r, f) at other frequencies (f,), with the fitted damping."""
         line = 2j * np.pi * hertz
         s = self.block.measured.decay + line
-        received = self._receive(self._respond(self._fitted.damping, s), s)
-        force, motion = self.pairs.T
-        return self._gains * received[motion, force] * (s / line) ** self._orders
+        swept = _Swept(self._respond(self._fitted.damping, s), s)
+        received = self._receive_lines(swept)
+        return self._gains * received * (s / line) ** self._orders
 
     def _respond(self, damping: _Damping, s: Complex) -> Complex:
         """Return the amplitudes (a, p, f) of near modes under unit forces at the ports."""
@@ -683,50 +696,82 @@ class ResponseState:
             out[cluster] = np.moveaxis(np.linalg.solve(dynamic, forces), 0, -1)
         return out
 
-    def _receive(self, amplitudes: Complex, s: Complex) -> Complex:
-        """Return motions (3p, p, f) of the ports, then across them, by unit forces at the ports."""
-        moved = self._functionals[1][:, self._near]
-        static, inertial = self._rest
-        count = amplitudes[0].size if len(amplitudes) else len(self.ends) * len(s)
-        flat = amplitudes.reshape(len(amplitudes), count)
+    @cached_property
+    def _sides(self) -> list[tuple[Indices, Indices]]:
+        """Of forces and motions: their distinct ports, and which of them (r,) each response has."""
+        sides: list[tuple[Indices, Indices]] = []
+        for side in self.pairs.T:
+            known, which = np.unique(side, return_inverse=True)
+            sides.append((known, which))
+        return sides
+
+    def _receive(self, functionals: Indices, ports: Indices, swept: _Swept) -> Complex:
+        """Return what functionals (m,) have (m, n, f) under unit forces at some ports (n,)."""
+        moved = self._functionals[1][np.ix_(functionals, self._near)]
+        static, inertial = (part[np.ix_(functionals, ports)] for part in self._rest)
+        own = swept.amplitudes[:, ports]
+        flat = own.reshape(len(own), len(ports) * len(swept.s))
         # real products take half the work
         out = (moved @ flat.view(np.float64)).view(np.complex128)
-        out = out.reshape(len(moved), len(self.ends), len(s))
-        return out + static[..., None] + inertial[..., None] * s**2
+        out = out.reshape(len(moved), len(ports), len(swept.s))
+        return out + static[..., None] + inertial[..., None] * swept.s**2
 
-    def _pick_lines(self, received: Complex) -> Complex:
-        force, motion = self.pairs.T
-        return received[motion, force] * self.window
+    def _receive_lines(self, swept: _Swept) -> Complex:
+        """Return the receptances (r, f) of all responses."""
+        (forces, force), (motions, motion) = self._sides
+        return self._receive(motions, forces, swept)[motion, force]
+
+    def _receive_all(self, swept: _Swept) -> tuple[Complex, list[Complex]]:
+        """Return the receptances (r, f) of all responses, and their changes (r, f, 2) by turns.
+
+        A direction of force, then one of motion, turns towards two directions square to it.
+        """
+        (forces, force), (motions, motion) = self._sides
+        p = len(self.ends)
+        km = len(motions)
+        kf = len(forces)
+        along = np.concatenate([motions, p + motions, 2 * p + motions])
+        moved = self._receive(along, forces, swept)
+        pushed = self._receive(
+            np.concatenate([p + forces, 2 * p + forces]), motions, swept
+        )
+        by_force = [pushed[k * kf + force, motion] for k in (0, 1)]
+        by_motion = [moved[(k + 1) * km + motion, force] for k in (0, 1)]
+        turned = [np.stack(each, axis=2) for each in (by_force, by_motion)]
+        return moved[motion, force], turned
 
     def _find_nuisance(
-        self, damping: _Damping, amplitudes: Complex, received: Complex
+        self,
+        damping: _Damping,
+        amplitudes: Complex,
+        lines: Complex,
+        turned: Sequence[Complex],
     ) -> _Nuisance:
-        """Return the nuisances about predicted motions (3p, p, f): damping first, then directions."""
+        """Return the nuisances about predicted lines (r, f): damping first, then directions.
+
+        turned: changes (r, f, 2) by turned directions of force, and of motion.
+        """
         force, motion = self.pairs.T
         limits = self.settings
         d = damping.fitted
-        lines = self._pick_lines(received)
         weight = self.block.weight[..., None]
         window = self.window[..., None]
         count = len(d) + len(damping.pairs)
-        slopes = np.empty((*lines.shape, count), dtype=complex)
+        slopes = np.empty((count, *lines.shape), dtype=complex)
         size = limits.damping * damping.ratios * self._loss
         for k, i in enumerate(d):
             heard = amplitudes[i]
-            slopes[..., k] = -(size[i] * self.s) * (heard[force] * heard[motion])
+            slopes[k] = -(size[i] * self.s) * (heard[force] * heard[motion])
         sizes = limits.coupling * damping.scale_pairs(self._loss)
         for k, (i, j) in enumerate(damping.pairs, start=len(d)):
             one = amplitudes[i]
             other = amplitudes[j]
             both = one[force] * other[motion] + other[force] * one[motion]
-            slopes[..., k] = -(sizes[k - len(d)] * self.s) * both
-        columns = [slopes * window]
+            slopes[k] = -(sizes[k - len(d)] * self.s) * both
+        columns = [np.moveaxis(slopes * self.window, 0, 2)]
         index = [np.tile(np.arange(count), (len(lines), 1))]
-        p = len(self.ends)
-        for side, other in ((force, motion), (motion, force)):
-            known, which = np.unique(side, return_inverse=True)
-            crossed = [received[(k + 1) * p + side, other] for k in (0, 1)]
-            columns.append(limits.turn * np.stack(crossed, axis=2) * window)
+        for (known, which), crossed in zip(self._sides, turned, strict=True):
+            columns.append(limits.turn * crossed * window)
             index.append(count + 2 * which[:, None] + np.arange(2))
             count += 2 * len(known)
         whole = self.block.read(np.concatenate(columns, axis=2)) * weight

@@ -121,7 +121,7 @@ def _of_elements(prediction: RobotReadings, steps: Steps) -> Array:
         if len(mine):
             out[:, mine] += still * read @ rates.T
             out[:, mine] += _of_moved_nodes(prediction, name, rates.T[None])
-        mine, rates = steps.find_rates(name, "astray")
+        mine, rates = steps.find_rates(name, "misalignment")
         if len(mine):
             apart = _turn_about(prediction, name)
             turned = read[:, None] @ apart[c.pose]

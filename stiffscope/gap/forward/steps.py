@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     Step = tuple[Influence, Influence, float]
 
-_FIELDS = ("spring", "compliance", "offset", "astray")
+_FIELDS = ("spring", "compliance", "offset", "misalignment")
 _UNCHANGED = np.zeros(0, dtype=np.int64), np.zeros(0)
 
 

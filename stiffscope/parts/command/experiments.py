@@ -106,7 +106,7 @@ def _compare_robots(
     manifest = manifest_of(first, second.path)
     with open_workshop(output) as shop:
         compared = compare_robots(first, second, components, shop)
-    for assembled in compared.made.values():
+    for assembled in compared.robots.values():
         warn_of_robot(assembled)
     emit(
         output,
@@ -173,7 +173,7 @@ def interfaces(
 
 
 def _is_plate(part: PartSection) -> bool:
-    return isinstance(part, ParametricPart) and part.made.is_plate
+    return isinstance(part, ParametricPart) and part.describes.is_plate
 
 
 def _solids(robot: RobotFile) -> list[str]:

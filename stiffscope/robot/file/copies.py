@@ -65,10 +65,10 @@ def make_copies(data: dict[str, Any]) -> dict[str, Turned]:
             turn = rotation(np.array(entry.axis) / np.linalg.norm(entry.axis), angle)
             for table, names in zip(tables, originals, strict=True):
                 for name in names:
-                    made = rename(name, entry.of, new)
+                    copied_name = rename(name, entry.of, new)
                     origin = copied.get(name, Turned(name, np.eye(3)))
-                    copied[made] = Turned(origin.name, turn @ origin.rotation)
-                    table[made] = _turn(table[name], entry.of, new, turn)
+                    copied[copied_name] = Turned(origin.name, turn @ origin.rotation)
+                    table[copied_name] = _turn(table[name], entry.of, new, turn)
     return copied
 
 

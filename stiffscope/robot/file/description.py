@@ -130,7 +130,9 @@ class RobotFile:
     def dimension_of(self, coordinate: str) -> Dimension:
         """Return what a coordinate of the tool, or of a drive, "q:JOINT", measures: a length or an angle."""
         joint = self.joints.get(coordinate.removeprefix("q:"))
-        turns = coordinate in sections.AXES[3:] if joint is None else joint.made.turns
+        turns = (
+            coordinate in sections.AXES[3:] if joint is None else joint.describes.turns
+        )
         return ANGLE if turns else LENGTH
 
     def members(self, place: str) -> tuple[str, ...]:

@@ -167,7 +167,7 @@ class SolidPart(PartSection):
 class ParametricPart(SolidPart):
     """A solid that the file describes by lengths and counts."""
 
-    made: ClassVar[type[SolidParameters]]
+    describes: ClassVar[type[SolidParameters]]
 
     @property
     def interface_names(self) -> tuple[str, ...]:
@@ -184,12 +184,12 @@ class ParametricPart(SolidPart):
         """Return the parameters of the part's shape, SI."""
         return {
             field.name: getattr(self, field.name)
-            for field in dataclasses.fields(self.made)
+            for field in dataclasses.fields(self.describes)
         }
 
     def parameters(self) -> SolidParameters:
         """Return the shape for cad; its InputError names the parameter: "link.bore: …"."""
-        return self.made(**self.dimensions())
+        return self.describes(**self.dimensions())
 
     @model_validator(mode="after")
     def _possible(self) -> Self:
@@ -206,16 +206,20 @@ _CONSTANTS = {
 
 
 def _section_of(
-    name: str, base: Any, made: type, required: tuple[str, ...] = (), **further: Any
+    name: str,
+    base: Any,
+    described: type,
+    required: tuple[str, ...] = (),
+    **further: Any,
 ) -> Any:
-    """Create a section with one key for each field, but its name, of what is ``made`` of it.
+    """Create a section with one key for each field, but its name, of the ``described`` type.
 
     ``further`` are the docstring and other keys of the section.
     """
     kinds = {float: v.LengthOrZero, int: v.Count}
-    hints = typing.get_type_hints(made, include_extras=True)
+    hints = typing.get_type_hints(described, include_extras=True)
     fields = dict[str, Any](further)
-    for field in dataclasses.fields(made):
+    for field in dataclasses.fields(described):
         if field.name == "name":
             continue
         hint = hints[field.name]
@@ -228,7 +232,7 @@ def _section_of(
         default = ... if needed else field.default
         fields[field.name] = kind, Field(default, description=means)
     model: Any = create_model(name, __base__=base, __module__=__name__, **fields)
-    model.made = made
+    model.describes = described
     return model
 
 
@@ -427,11 +431,11 @@ PARTS: dict[str, type[PartSection]] = {
 class MaterialSection(Section):
     """An elastic material, of one of the laws that cad knows."""
 
-    made: ClassVar[type]
+    describes: ClassVar[type]
 
     def build(self, name: str) -> AnyMaterial:
         """Return the material for CAD and FEA."""
-        return self.made(name, **self.model_dump())
+        return self.describes(name, **self.model_dump())
 
 
 _BULK = "An isotropic elastic material."

@@ -176,7 +176,7 @@ class JointSection(Section):
     bearing: Bearings = None
     carried_by: Literal["first", "second"] = "second"
 
-    made: ClassVar[JointType]
+    describes: ClassVar[JointType]
 
     def yielding(self, axes: np.ndarray) -> np.ndarray:
         """Return the compliance (6, 6) of its bearing in the joint's axes; zero in free directions.
@@ -190,8 +190,10 @@ class JointSection(Section):
             (bearing.stiffness(axes) for bearing in self.bearing), np.zeros((6, 6))
         )
         size = np.sqrt(np.diagonal(total).clip(min=0.0))
-        free = self.made.free
-        driven = self.made.driven if getattr(self, "drive", None) is not None else None
+        free = self.describes.free
+        driven = (
+            self.describes.driven if getattr(self, "drive", None) is not None else None
+        )
         held = [i for i in range(6) if size[i] > 0.0]
         loose = [AXES[i] for i in range(6) if i not in {*held, *free}]
         stuck = [AXES[i] for i in held if i in free and i != driven]
@@ -219,7 +221,7 @@ class JointSection(Section):
                 given.tilting,
             )
         return tuple(
-            0.0 if i in self.made.free else value for i, value in enumerate(given)
+            0.0 if i in self.describes.free else value for i, value in enumerate(given)
         )
 
 
@@ -245,11 +247,13 @@ def _read_joint_type(joint_type: JointType) -> type[JointSection]:
     section = create_model(
         name, __base__=JointSection, __module__=__name__, __doc__=doc, **keys
     )
-    section.made = joint_type
+    section.describes = joint_type
     return section
 
 
-JOINTS = {name: _read_joint_type(made) for name, made in JOINT_TYPES.items()}
+JOINTS = {
+    name: _read_joint_type(joint_type) for name, joint_type in JOINT_TYPES.items()
+}
 # as names of this module, by which other processes unpickle their instances
 globals().update({section.__name__: section for section in JOINTS.values()})
 

@@ -109,10 +109,10 @@ def draw_both(comparison: RobotComparison, folder: Path) -> None:
 
     Write change.png and change.svg: change in stiffness over the first robot's map, in percent.
     """
-    drawn = [scene_of(made) for made in comparison.made.values()]
+    drawn = [scene_of(robot) for robot in comparison.robots.values()]
     places = [
-        configure(made.mechanism, comparison.places[:1])
-        for made in comparison.made.values()
+        configure(robot.mechanism, comparison.places[:1])
+        for robot in comparison.robots.values()
     ]
     former, now = (place_robot(place).moves for place in places)
     ghost = {
@@ -130,7 +130,7 @@ def draw_both(comparison: RobotComparison, folder: Path) -> None:
         maps.draw_map(
             comparison.change,
             panels,
-            comparison.made["first"].robot.poses,
+            comparison.robots["first"].robot.poses,
             title,
             *files,
         )
