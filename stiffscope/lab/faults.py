@@ -334,6 +334,7 @@ class Word:
 
 
 INSTRUMENT = "instrument"
+HAMMER = "hammer"
 _TURN = 1e-3  # rad, or relative: step for derivatives
 
 
@@ -356,6 +357,12 @@ def _at_single_channels(sensors: Sequence[str]) -> tuple[str, ...]:
 def _at_points(points: Sequence[str]) -> tuple[str, ...]:
     """Return the points of a hammer test."""
     return tuple(points)
+
+
+def _at_gains(points: Sequence[str]) -> tuple[str, ...]:
+    """Return hammer, points and channels of a hammer test with triaxial sensors."""
+    channels = (f"{point}.{axis}" for point in points for axis in "xyz")
+    return (HAMMER, *points, *channels) if points else ()
 
 
 def _at_pairs(sensors: Sequence[str]) -> tuple[str, ...]:
@@ -402,6 +409,13 @@ def _swap_columns(machine: Machine, place: str, _: Parameters) -> Machine:
 
 
 _FORCES = ("fx", "fy", "fz")
+
+
+def _change_response_gain(machine: Machine, place: str, v: Parameters) -> Machine:
+    """Multiply what the hammer, a sensor or one of its channels shows."""
+    gains = {**machine.response_gains}
+    gains[place] = v["factor"] * gains.get(place, 1.0)
+    return replace(machine, response_gains=gains)
 
 
 KNOWN: dict[str, Word] = {
@@ -463,6 +477,7 @@ KNOWN: dict[str, Word] = {
         lambda m, at, v: replace(m, sensor_masses={**m.sensor_masses, at: v["mass"]}),
         where=_at_points,
     ),
+    "response-gain": Word(("factor",), _change_response_gain, where=_at_gains),
     "link-stiffness": Word(
         ("factor",),
         _bodies(lambda b, v: replace(b, compliance=b.compliance / v["factor"])),

@@ -9,6 +9,7 @@ import numpy as np
 
 from stiffscope.gap.campaign.writing import write_campaign
 from stiffscope.lab.dense import DenseMachine
+from stiffscope.lab.faults import HAMMER
 from stiffscope.lab.rotations import lever
 from stiffscope.responses.model import Direction, Response
 from stiffscope.responses.uff_writing import write_uff
@@ -151,10 +152,22 @@ def ring(
     return Ringing(modes, twists, dense.frames)
 
 
+def find_gains(machine: Machine, plan: HammerPlan) -> Array:
+    """Return the gains (motions, 1) of the channels of a plan."""
+    gains = machine.response_gains
+    each = [
+        gains.get(HAMMER, 1.0)
+        * gains.get(motion.point, 1.0)
+        * gains.get(motion.channel, 1.0)
+        for motion in plan.motions
+    ]
+    return np.array(each)[:, None]
+
+
 def strike(
     machine: Machine, plan: HammerPlan, located: Located, damping: Array
 ) -> Complex:
-    """Return the receptances (p, hits, motions, f) of a machine, without noise.
+    """Return the receptances (p, hits, motions, f) of a machine as measured, without noise.
 
     Parameters
     ----------
@@ -170,7 +183,8 @@ def strike(
         ring(machine, located.some([k]), nodes, plan.about, plan.points)
         for k in range(len(plan.poses))
     )
-    return np.array([ringing.respond(plan, damping) for ringing in each])
+    true = np.array([ringing.respond(plan, damping) for ringing in each])
+    return find_gains(machine, plan) * true
 
 
 def record(

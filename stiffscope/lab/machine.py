@@ -262,6 +262,8 @@ class Machine:
     instrument: Instrument = field(default_factory=Instrument)
     sensor_masses: Mapping[str, float] = field(default_factory=dict[str, float])
     """Mass, kg, of the sensors at points of a hammer test, beyond the stated one."""
+    response_gains: Mapping[str, float] = field(default_factory=dict[str, float])
+    """Factor on what `HAMMER`, a point or a channel such as `2.x` of a hammer test shows."""
     still: tuple[str, ...] = ()
     kept: tuple[str, ...] = ()
     """Drives and springs, and coordinates of M, that poses leave as at home."""

@@ -25,7 +25,6 @@ UNITS = {"1", "m", "rad", "kg", "K", "N", "N·m", "m/N", "rad/(N·m)", "rad/m", 
 UNITS |= {"Pa", "1/(N·m)", "N/m³", "SI", ""}
 WITHOUT_LAB = {
     "geometry": "many joint axes and zeros, which the laboratory has singly",
-    "response-gain": "of lines, which tests.benchmarks.knocks scales",
 }
 DOUBTS = Doubts(
     {"gauge": 1e3},

@@ -194,3 +194,18 @@ def test_damping_beyond_the_band_pulls_no_line(ratio, tmp_path):
     left = (stack_parts(exact) - ideal.values) / np.tile(block.sigma.ravel(), 2)
     # what the priors of damping leave: it was 260 and 2577 with the usual one beyond the band
     assert np.sum(left**2) < 8.0
+
+
+@pytest.mark.slow
+def test_a_gain_scales_the_responses_of_its_channels_alone():
+    machine, plan, located, _ = hammer("biglide", 21)
+    true = strike(machine, plan, located, DAMPING)
+    for place, scaled in (
+        ("hammer", [True] * 6),
+        ("7", [False] * 3 + [True] * 3),
+        ("1.y", [False, True, *[False] * 4]),
+    ):
+        wrong = inject(machine, "response-gain", place, {"factor": 1.3})
+        found = strike(wrong, plan, located, DAMPING)
+        factor = np.where(scaled, 1.3, 1.0)[:, None]
+        assert found == pytest.approx(factor * true, rel=1e-12, abs=0.0)

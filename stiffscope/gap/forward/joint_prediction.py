@@ -239,15 +239,15 @@ class JointPrediction:
                     MassRate(point.body, at, float(rate), np.zeros(3)) for rate in rates
                 ]
                 out = out + state.load(heavier, count)
+        if not any(each.response_gains for step in steps for each in step[:2]):
+            return state.derive(out)
         amplified = np.zeros((len(measured.responses), count))
         for j, response in enumerate(measured.responses):
             channel = response.motion.channel
             rates = np.array([_find_gain_rate(step, channel) for step in steps])
             now = 1.0 if state.gains is None else float(state.gains[j])
             amplified[j] = rates / now
-        if amplified.any():
-            return state.derive(out) + state.amplify(amplified)
-        return state.derive(out)
+        return state.derive(out) + state.amplify(amplified)
 
     @cached_property
     def _columns(

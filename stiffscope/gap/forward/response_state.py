@@ -757,18 +757,18 @@ class ResponseState:
         weight = self.block.weight[..., None]
         window = self.window[..., None]
         count = len(d) + len(damping.pairs)
-        slopes = np.empty((*lines.shape, count), dtype=complex)
+        slopes = np.empty((count, *lines.shape), dtype=complex)
         size = limits.damping * damping.ratios * self._loss
         for k, i in enumerate(d):
             heard = amplitudes[i]
-            slopes[..., k] = -(size[i] * self.s) * (heard[force] * heard[motion])
+            slopes[k] = -(size[i] * self.s) * (heard[force] * heard[motion])
         sizes = limits.coupling * damping.scale_pairs(self._loss)
         for k, (i, j) in enumerate(damping.pairs, start=len(d)):
             one = amplitudes[i]
             other = amplitudes[j]
             both = one[force] * other[motion] + other[force] * one[motion]
-            slopes[..., k] = -(sizes[k - len(d)] * self.s) * both
-        columns = [slopes * window]
+            slopes[k] = -(sizes[k - len(d)] * self.s) * both
+        columns = [np.moveaxis(slopes * self.window, 0, 2)]
         index = [np.tile(np.arange(count), (len(lines), 1))]
         for (known, which), crossed in zip(self._sides, turned, strict=True):
             columns.append(limits.turn * crossed * window)

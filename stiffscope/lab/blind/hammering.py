@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.lab.blind.cases import Fault
+from stiffscope.lab.blind.laboratory import OF_POINTS
 from stiffscope.lab.faults import KNOWN, bearing_words
 from stiffscope.lab.hammer import (
     MODES,
@@ -15,6 +16,7 @@ from stiffscope.lab.hammer import (
     HammerPlan,
     Ringing,
     find_band,
+    find_gains,
     record,
     ring,
     space_lines,
@@ -45,6 +47,7 @@ WORDS = (
     "mass",
     "payload",
     "sensor-mass",
+    "response-gain",
 )
 """Known effects that are drawn."""
 _POSES = 2
@@ -57,6 +60,7 @@ _SMALL = 1e-3  # share of a fault that tells its direction
 _WIDTHS = (-2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0)  # damping ratios beside a mode: lines
 _BETWEEN = 40  # lines throughout the band
 _RATIO = 0.01
+_GAIN = 0.015  # relative, or rad: of the calibration of a channel, as diagnosis assumes
 
 
 class HammerBench:
@@ -72,7 +76,7 @@ class HammerBench:
         self._located = located
         self._noise = HammerNoise()
         self.sensors = tuple(plan.points)
-        known = set(lab.words()) | {"sensor-mass"}
+        known = {*lab.words(), *OF_POINTS}
         self.words = [word for word in WORDS if word in known]
         self._sound = self._respond(())
         level = np.abs(self._sound)
@@ -87,27 +91,37 @@ class HammerBench:
         damping = np.full(1, _RATIO)
         if any(fault.effect == "sensor-mass" for fault in faults):
             return strike(self._lab.with_faults(faults), plan, self._located, damping)
+        inside = [fault for fault in faults if fault.effect != "response-gain"]
         found = (
-            find_ringing(self._lab, faults, k, self._located, plan)
+            find_ringing(self._lab, inside, k, self._located, plan)
             for k in range(len(plan.poses))
         )
-        return np.array([each.respond(plan, damping) for each in found])
+        true = np.array([each.respond(plan, damping) for each in found])
+        return find_gains(self._lab.with_faults(faults), plan) * true
 
     def _scale(self, change: Complex) -> Array:
-        """Return a change of lines over their noise, as reals (r,)."""
+        """Return a change of lines over their noise, as reals (r,), and zeros of usual gains."""
         flat = (change / self._sigma).ravel()
-        return np.concatenate([flat.real, flat.imag])
+        usual = np.zeros(2 * int(np.prod(change.shape[:3])))
+        return np.concatenate([flat.real, flat.imag, usual])
 
     @property
     def frame(self) -> Array:
-        """Columns (r, k) of gain and phase of each response, and of damping at each pose."""
+        """Columns (r, k) of gain and phase of each response, and of damping at each pose.
+
+        Gain and phase are known by calibration, which is a reading of each.
+        """
         sound = self._sound
         columns: list[Array] = []
         shape = sound.shape[:3]
-        for index in np.ndindex(*shape):
+        count = int(np.prod(shape))
+        for k, index in enumerate(np.ndindex(*shape)):
             own = np.zeros_like(sound)
             own[index] = sound[index]
-            columns += [self._scale(own), self._scale(1j * own)]
+            for j, change in enumerate((own, 1j * own)):
+                column = self._scale(change)
+                column[2 * k + j - 2 * count] = 1.0 / _GAIN
+                columns.append(column)
         for k in range(len(self._plan.poses)):
             ringing = find_ringing(self._lab, (), k, self._located, self._plan)
             for mode in range(2 * _MODES):

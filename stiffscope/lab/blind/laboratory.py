@@ -50,6 +50,8 @@ _SEED = 20  # seed of that pool
 _ALL_DRIVES = "drives"
 _ALL_JOINTS = "joints"
 _ALL_BODIES = "robot"
+OF_POINTS = ("sensor-mass", "response-gain")
+"""Known effects at the points of hammer tests."""
 
 
 @dataclass(frozen=True)
@@ -248,9 +250,7 @@ class Lab:
     def everywhere(self, sensors: tuple[str, ...] = ()) -> dict[str, tuple[str, str]]:
         """Return all known effects at all their places, by canonical name."""
         if sensors not in self._words:
-            words = dict.fromkeys(
-                (*self.words(), *(("sensor-mass",) if sensors else ()))
-            )
+            words = dict.fromkeys((*self.words(), *(OF_POINTS if sensors else ())))
             listed = [(e, place) for e in words for place in self.places(e, sensors)]
             self._words[sensors] = {
                 self.canonical(f"{e} @ {p}"): (e, p) for e, p in listed

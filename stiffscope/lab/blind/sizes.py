@@ -211,6 +211,7 @@ SIZES: dict[str, Sizes] = {
     "gravity": _nothing,
     "payload": _draw_payload,
     "mass": lambda d: {"factor": (1 + 0.2 * d.size) ** d.sign},
+    "response-gain": lambda d: {"factor": (1 + 0.2 * d.size) ** d.sign},
     "sensor-mass": lambda d: {"mass": 0.04 * d.size},
     "actuator-stiffness": _weaken(0.1),
     "link-stiffness": _weaken(0.2),
