@@ -129,7 +129,7 @@ class Loop:
     right: Complex
     decay: Complex
 
-    def __getitem__(self, some: Indices) -> Loop:
+    def __getitem__(self, some: Indices | Flags) -> Loop:
         """Return the matrices of some pairs."""
         return Loop(
             nodes=self.nodes,
@@ -526,22 +526,20 @@ def _find_lower(
     lower = np.full(len(depth), np.inf)
     at = angle.copy()
     least = np.zeros(len(depth), dtype=bool)
-    # angles near the crossing are dense; others may be too few
-    steep = (turns.first == _BELOW) & (turns.below >= _FLAT).any(axis=1)
-    for kind in (~steep, steep):
-        some = np.flatnonzero(kind)
-        if not some.size:
-            continue
-        part = curve[some]
-        last = turns[some]
-        if steep[some[0]]:
-            part = part.refine(loop[some], depth[some], last.below)
-            last = _follow(part, tried[some])
+
+    def decide(some: Indices, part: Curve, last: Turns) -> None:
         least[some] = (last.first == _BELOW) & crossing[some]
         less = (last.first <= _BELOW) & ~least[some]
         if less.any():
             share, at[some[less]] = _locate(part[less], last[less])
             lower[some[less]] = share * depth[some[less]]
+
+    # angles near the crossing are dense; others may be too few
+    steep = (turns.first == _BELOW) & (turns.below >= _FLAT).any(axis=1)
+    decide(np.flatnonzero(~steep), curve[~steep], turns[~steep])
+    if steep.any():
+        finer = curve[steep].refine(loop[steep], depth[steep], turns.below[steep])
+        decide(np.flatnonzero(steep), finer, _follow(finer, tried[steep]))
     lower[least] = depth[least]
     return lower, at, least
 
