@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stiffscope.errors import InputError
+from stiffscope.runtime.collection import no_collection
 from stiffscope.runtime.executor import LateError, WorkerError, do_alone
 from stiffscope.runtime.processors import processors
 
@@ -382,7 +383,8 @@ def _run_ftetwild(
     energy: float,
 ) -> tuple[Floats, Ints]:
     """Mesh a surface in a worker process; only there the mesher is imported."""
-    import pytetwild
+    with no_collection():
+        import pytetwild
 
     points, cells = pytetwild.tetrahedralize(  # pyright: ignore[reportPrivateImportUsage]
         vertices,

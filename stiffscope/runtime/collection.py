@@ -15,7 +15,7 @@ def no_collection() -> Iterator[None]:
     """Pause the collection of cyclic garbage, and leave what is made meanwhile to later ones.
 
     The CAD kernel's import makes half a million objects, none of them garbage; to search them over
-    and over takes a third of its time, and some of any import's.
+    and over takes a tenth to a third of its time, and some of any import's.
     """
     enabled = gc.isenabled()
     gc.disable()

@@ -77,6 +77,17 @@ def test_an_instrument_at_fault_is_named(fault, style, beside, lab, tmp_path):
         )
 
 
+def test_a_reversed_sensor_is_named_beside_a_wrong_unit(lab, tmp_path):
+    """The unit makes the gap hundreds of times as large: the sign is judged by what is left beside it."""
+    faults = (
+        Fault("sensor-sign", "rz", {}),
+        Fault("unit", "x", {"factor": 1e-3}),
+    )
+    found, effects = diagnose(lab, faults, "tool", tmp_path)
+    assert found.verdict == "identified"
+    assert set(effects) == {(f.effect, f.place) for f in faults}
+
+
 @pytest.mark.extended
 @pytest.mark.parametrize(
     "other",

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from functools import cached_property
+from itertools import chain
 from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
@@ -29,7 +30,7 @@ from stiffscope.vjm.model.checks import spell_name
 from stiffscope.vjm.model.mechanism import COORDINATES, Mechanism
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
+    from collections.abc import Callable, Iterator
 
     from numpy.typing import ArrayLike, NDArray
 
@@ -204,7 +205,8 @@ def configure(mechanism: Mechanism, poses: Poses) -> Configurations:
     """
     if isinstance(poses, Configurations):
         return poses
-    return _join(configure_chunks(mechanism, check_poses(mechanism, poses)))
+    points = check_poses(mechanism, poses)
+    return _join(configure_chunks(mechanism, points), len(points))
 
 
 def start_note(mechanism: Mechanism) -> str | None:
@@ -290,11 +292,8 @@ def configure_drives(mechanism: Mechanism, displacements: ArrayLike) -> Configur
     Raises InputError if the array has another shape or numbers that are not finite.
     """
     names = [j.name for j in mechanism.drives]
-    return _join(
-        configure_chunks(
-            mechanism, _check_rows(displacements, names, "drives"), given="drives"
-        )
-    )
+    rows = _check_rows(displacements, names, "drives")
+    return _join(configure_chunks(mechanism, rows, given="drives"), len(rows))
 
 
 def _without_welded(linkage: Linkage, displacements: Array) -> Array:
@@ -350,22 +349,25 @@ def _range_text(joint: Joint, value: float) -> str:
     return f"{spell_name('joints', joint.name)}: {here} is outside its range {range_}"
 
 
-def _join(chunks: Iterable[Configurations]) -> Configurations:
-    """Join chunks one by one: placed links, most of a chunk's memory, go with it."""
-    left = iter(chunks)
-    first = next(left)
-    keys = ("poses", "tool", "valid", "failure", "culprit", "q")
-    rows = {key: [getattr(first, key)] for key in keys}
-    for chunk in left:
-        for key, kept in rows.items():
-            kept.append(getattr(chunk, key))
-    if len(rows["q"]) == 1:
+def _join(chunks: Iterator[Configurations], n: int) -> Configurations:
+    """Join chunks of n configurations one by one: their placed links, most of the memory, go."""
+    first = next(chunks)
+    if len(first) == n:
         return first
+    keys = ("poses", "tool", "valid", "failure", "culprit")
+    parts = {key: getattr(first, key) for key in keys}
     joined = {
-        key: np.concatenate(kept, axis=-1 if key == "q" else 0)
-        for key, kept in rows.items()
+        key: np.empty((n, *part.shape[1:]), part.dtype) for key, part in parts.items()
     }
-    return replace(first, **joined)
+    q = np.empty((len(first.q), n))
+    at = 0
+    for chunk in chain([first], chunks):
+        rows = slice(at, at + len(chunk))
+        at += len(chunk)
+        for key, whole in joined.items():
+            whole[rows] = getattr(chunk, key)
+        q[:, rows] = chunk.q
+    return replace(first, **joined, q=q)
 
 
 def _configurations(solver: Solver, followed: Followed) -> Configurations:

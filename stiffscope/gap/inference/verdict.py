@@ -325,21 +325,24 @@ def _explained_parts(found: Findings, whole: Hypothesis) -> dict[str, float]:
     It is what is left without it: of two effects that change the readings alike, one may have a
     share and yet add nothing. Where errors of the model are left, which anything fits in part, it
     is no more than its share of what all explain. A reading in a wrong unit or with a wrong sign makes the
-    gap any number of times as large: the parts of others are those of the gap without such faults.
+    gap any number of times as large: the parts of others, of such faults too, are those of the gap
+    that is left where it is put right.
     """
-    gap = max(_excess(found, found.none), 1e-300)
     misread = [c for c in whole.candidates if c.assumed]
-    put_right = gap
-    if misread:
-        put_right = max(_excess(found, found.fit_effects(misread)), 1e-300)
     left = _excess(found, whole)
     share = shares(found, whole) if lack_of_fit(found, whole) else {}
     out: dict[str, float] = {}
     for c in whole.candidates:
+        put_right = [each for each in misread if each is not c]
+        beside = found.fit_effects(put_right) if put_right else found.none
+        gap = max(_excess(found, beside), 1e-300)
         rest = found.fit_effects(each for each in whole.candidates if each is not c)
-        most = share.get(c.name, 1.0) * (gap - left)
-        part = min(most, _excess(found, rest) - left)
-        out[c.name] = part / (gap if c.assumed else put_right)
+        own = 1.0
+        if share:
+            names = [each.name for each in whole.candidates if each not in put_right]
+            among = sum(share[name] for name in names)
+            own = share[c.name] / among if among > 0.0 else 1.0 / len(names)
+        out[c.name] = min(own * (gap - left), _excess(found, rest) - left) / gap
     return out
 
 
