@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from stiffscope.errors import InputError, require
-from stiffscope.experiments.making import EXPERIMENT, SOLID, make_part
+from stiffscope.experiments.making import EXPERIMENT, SOLID, Neighbour, make_part
 from stiffscope.fea.experiment import load_experiment
 from stiffscope.robot.part_matrices import beam_compliance
 from stiffscope.runtime.cache import CONDENSED, MOVED, WHOLE
@@ -202,7 +202,11 @@ def solve_parts(
         else:
             results[order] = replace(held, seconds=time.perf_counter() - begun)
     if missing:
-        make = partial(make_part, whole=whole, near=near or {}, skip=skip)
+        neighbours = {
+            label: Neighbour(result.order, result.experiment)
+            for label, result in (near or {}).items()
+        }
+        make = partial(make_part, whole=whole, near=neighbours, skip=skip)
         for order, (folder, seconds) in _make_missing(missing, shop, make).items():
             if folder is not None:
                 result = _read(order, folder, whole=whole, reused=False)

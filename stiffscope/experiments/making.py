@@ -9,7 +9,7 @@ import json
 import logging
 import time
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from stiffscope.cad.part import Part
-    from stiffscope.experiments.experiments import PartResult
     from stiffscope.experiments.part_order import PartOrder
     from stiffscope.fea.experiment import Experiment
     from stiffscope.runtime.cache import Cache
@@ -40,13 +39,20 @@ SOLID = "solid.json"
 FIELDS = "fields.vtu"
 
 
+class Neighbour(NamedTuple):
+    """A part of slightly different dimensions or material, whose mesh may be moved along."""
+
+    order: PartOrder
+    experiment: Experiment
+
+
 def make_part(
     order: PartOrder,
     cache: Cache,
     report: Progress,
     *,
     whole: bool,
-    near: Mapping[str, PartResult],
+    near: Mapping[str, Neighbour],
     skip: bool,
 ) -> tuple[Path | None, float]:
     """Run and cache an experiment, perhaps in a child process; return its folder and seconds."""
@@ -76,7 +82,7 @@ def _test(
     report: Progress,
     *,
     whole: bool,
-    near: PartResult | None,
+    near: Neighbour | None,
 ) -> tuple[Part, Experiment]:
     from stiffscope.fea.run import run_experiment
 
