@@ -56,6 +56,7 @@ from stiffscope.gap.inference.verdict import (
 )
 from stiffscope.gap.planning.next_reading import find_next
 from stiffscope.gap.response_modes import describe_responses
+from stiffscope.runtime.threads import in_one_thread
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -115,6 +116,7 @@ def diagnose_campaign(
     return conclude(find(model, progress))
 
 
+@in_one_thread
 def forward_model(
     campaign: Campaign,
     robot: NominalRobot | None,
@@ -136,6 +138,7 @@ def forward_model(
     return JointModel(readings, tuple(responses)) if responses else readings
 
 
+@in_one_thread
 def conclude(found: Findings) -> Diagnosis:
     """Return the diagnosis of a search: the verdict with all its numbers."""
     others = {

@@ -488,7 +488,8 @@ def _warn_of_rigid(
 
     A part with several joints, or the tool with one, whose load acts on no face of it.
     """
-    if not estimate.is_slender and estimate.wall < 0.1 * soft:
+    beside = estimate.wall >= 0.1 * soft > 0.0  # soft beside parts that bend, if any
+    if not estimate.is_slender and not beside:
         return []
     size = f"as a bar of its size it bends by {1e6 * estimate.compliance:.2g} um/N"
     size += f", {estimate.slenderness:.0f} times as long as thick"

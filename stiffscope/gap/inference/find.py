@@ -8,6 +8,7 @@ import numpy as np
 
 from stiffscope.gap.inference.findings import search_once
 from stiffscope.gap.inference.lack_of_fit import lack_of_fit
+from stiffscope.runtime.threads import in_one_thread
 
 if TYPE_CHECKING:
     from stiffscope.gap.forward.forward_model import ForwardModel
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from stiffscope.runtime.types import Progress
 
 
+@in_one_thread
 def find(model: ForwardModel, progress: Progress | None = None) -> Findings:
     """Search for the effects and nuisance patterns that explain a model's campaign.
 

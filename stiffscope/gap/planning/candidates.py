@@ -25,6 +25,7 @@ from stiffscope.gap.inference.settings import VERDICT
 from stiffscope.gap.planning.reading_choice import Pair, choose_readings, judge_pairs
 from stiffscope.robot.file.sections import ElasticBody
 from stiffscope.runtime.output import scratch_folder
+from stiffscope.runtime.threads import in_one_thread
 from stiffscope.vjm.statics.analysis import compliance
 
 if TYPE_CHECKING:
@@ -80,6 +81,7 @@ class Proposal:
     """Pairs by ascending ln-odds, those of the question first."""
 
 
+@in_one_thread
 def propose_plan(
     nominal: NominalRobot, question: str, given: Campaign | Header | None = None
 ) -> Proposal:

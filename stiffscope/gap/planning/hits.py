@@ -35,6 +35,7 @@ from stiffscope.gap.planning.candidates import (
 from stiffscope.gap.planning.reading_choice import choose_readings, judge_pairs
 from stiffscope.responses.model import Direction, Response
 from stiffscope.robot.mechanism_of import configured_poses
+from stiffscope.runtime.threads import in_one_thread
 from stiffscope.vjm.vibration.modes import modes
 
 if TYPE_CHECKING:
@@ -123,6 +124,7 @@ class HitProposal:
     """How the robot stands at each posture, as in a campaign: its pose, or joints."""
 
 
+@in_one_thread
 def propose_hits(
     nominal: NominalRobot,
     question: str,
