@@ -12,7 +12,7 @@ import pytest
 
 import stiffscope as ss
 
-pytestmark = pytest.mark.slow
+pytestmark = [pytest.mark.slow, pytest.mark.extended]
 
 ROOT = Path(__file__).parents[1]
 SOURCES = ("stiffscope", "cad", "fea", "vjm", "data")

@@ -148,7 +148,12 @@ class MillingSection(_EdgeCut):
 
     def forces(self, feed: float) -> CuttingForces:
         """Return the mean forces at a feed in m/s."""
-        require(self.width <= self.diameter, "cut.width", "at most the diameter")
+        require(
+            self.width <= self.diameter,
+            "cut.width",
+            f"at most the diameter, {1e3 * self.diameter:g} mm",
+            f"{1e3 * self.width:g} mm",
+        )
         ratio = self.radial_ratio
         return mill(*self.law(), feed=feed, radial=ratio, **self.geometry)
 

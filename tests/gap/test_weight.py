@@ -107,6 +107,7 @@ def test_sag_of_soft_drives_is_no_payload(tmp_path, header):
     assert found.gap.chi2_per_reading[1] == pytest.approx(1.0, abs=0.4)
 
 
+@pytest.mark.extended
 def test_what_shows_of_a_mass_is_its_moment(tmp_path):
     """14 kg hung on a wrist of 5 kg: named, within the body, or as a moment about its joint."""
     rng = np.random.default_rng(4)

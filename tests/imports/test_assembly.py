@@ -734,6 +734,7 @@ def test_a_step_of_one_solid_is_refused_by_its_name(tmp_path):
         import_assembly(tmp_path / "bar.step", tmp_path / "robot.toml")
 
 
+@pytest.mark.extended
 def test_what_assembly_toml_says_wrongly_is_refused_with_its_line(tmp_path):
     assemblies.finger().write(tmp_path / "machine.step")
     (tmp_path / "assembly.toml").write_text(

@@ -252,7 +252,11 @@ def test_measured_damping_is_that_of_the_nearest_mode(tmp_path):
         ({}, {"damping": "0"}, "lobes.damping: expected a damping ratio"),
         ({}, {"damping": '"measured"'}, "expected a table or a campaign"),
         ({"teeth": "0"}, {}, "teeth: expected 1 to 1000"),
-        ({"width": '"11 mm"'}, {}, "width: expected at most the diameter"),
+        (
+            {"width": '"11 mm"'},
+            {},
+            "width: expected at most the diameter, 10 mm, got 11 mm",
+        ),
         ({"material": '"C45E"'}, {}, "material: expected none beside kt, got one"),
         ({"radial": "0.2"}, {}, "radial: expected none beside kr, got one"),
         ({}, {"speeds": '["9000 rpm", "900 rpm"]'}, "speeds: expected a lower and"),

@@ -190,6 +190,7 @@ def test_what_yields_most_under_a_push_stands_first(tmp_path, capsys):
     assert "home: its one pose" in page
 
 
+@pytest.mark.extended
 def test_stiffness_needs_no_modes_of_the_parts(tmp_path, monkeypatch, capsys):
     """The same stiffness and sag as with the modes that `modes` adds to the same mesh."""
     monkeypatch.setenv("STIFFSCOPE_CACHE", str(tmp_path / "cache"))
