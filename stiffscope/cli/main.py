@@ -15,6 +15,7 @@ from typing import Any, NoReturn
 
 import click
 from click.exceptions import NoArgsIsHelpError
+from click.shell_completion import CompletionItem
 
 from stiffscope.errors import (
     InputError,
@@ -59,6 +60,18 @@ class LazyGroup(click.Group):
             if isinstance(defined, click.Command) and defined.name == cmd_name:
                 return defined
         raise StiffscopeError(f"{known.module}: defines no command {cmd_name}")
+
+    def shell_complete(
+        self, ctx: click.Context, incomplete: str
+    ) -> list[CompletionItem]:
+        """Complete the names of commands without importing them, and options."""
+        words = [
+            CompletionItem(name, help=known.help)
+            for name, known in sorted(commands().items())
+            if name.startswith(incomplete)
+        ]
+        options = click.Command.shell_complete(self, ctx, incomplete)
+        return [*words, *options]
 
     def format_commands(
         self,
