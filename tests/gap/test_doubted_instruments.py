@@ -77,6 +77,7 @@ def test_an_instrument_at_fault_is_named(fault, style, beside, lab, tmp_path):
         )
 
 
+@pytest.mark.extended
 def test_a_reversed_sensor_is_named_beside_a_wrong_unit(lab, tmp_path):
     """The unit makes the gap hundreds of times as large: the sign is judged by what is left beside it."""
     faults = (
