@@ -105,8 +105,9 @@ def fillet(shape: Shape, edges: Sequence[Edge], radius: float) -> Shape:
 
 
 def _operate(operation: Any, first: Shape, second: Shape) -> Shape:
-    arguments, tools = List_TopoDS_Shape(), List_TopoDS_Shape()
+    arguments = List_TopoDS_Shape()
     arguments.Append(first)
+    tools = List_TopoDS_Shape()
     tools.Append(second)
     operation.SetArguments(arguments)
     operation.SetTools(tools)

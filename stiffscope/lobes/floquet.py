@@ -437,8 +437,7 @@ def _find_limits(
     angle = np.ones(len(speeds))
     if near is not None:
         guess, omega = near
-        turned = np.mod(omega * loop.delay[:, None], 2.0 * np.pi)
-        turned = np.minimum(turned, 2.0 * np.pi - turned)
+        turned = _fold(omega * loop.delay[:, None])
         depth, angle = _descend(loop, theta, guess, turned)
     rest = np.flatnonzero(np.isfinite(scale) & np.isinf(depth))
     if rest.size:
@@ -711,14 +710,19 @@ def _angles(loop: Loop, response: ToolResponse) -> Array:
     count = int(matters.sum(axis=1).max())
     chosen = np.argsort(~matters, axis=1, kind="stable")[:, :count]
     poles = np.take_along_axis(loop.poles, chosen, axis=1) * loop.delay[:, None]
-    turned = np.mod(poles.imag, 2.0 * np.pi)
-    centre = np.where(turned > np.pi, 2.0 * np.pi - turned, turned)
+    centre = _fold(poles.imag)
     width = np.minimum(-poles.real, 0.5)
     sharp = (centre[..., None] + width[..., None] * _SHARP).reshape(len(poles), -1)
     sharp = np.abs(sharp)  # a resonance reaches across the real axis
     sharp = np.where(sharp > np.pi, 2.0 * np.pi - sharp, sharp).clip(0.0, np.pi)
     spread = np.broadcast_to(np.linspace(0.0, np.pi, _BROAD), (len(poles), _BROAD))
     return np.sort(np.concatenate([spread, sharp], axis=1), axis=1)
+
+
+def _fold(turned: Array) -> Array:
+    """Return the angles from 0 to π of multipliers that turned so far, or of their conjugates."""
+    within = np.mod(turned, 2.0 * np.pi)
+    return np.minimum(within, 2.0 * np.pi - within)
 
 
 def _search(
@@ -949,17 +953,14 @@ def _describe(
     right = crossing.right
     angle = crossing.angle
     depth = crossing.depth
-    vectors = left, right
     rates = response.rates
     damping = response.damping
-    terms = _mode_terms(loop, rates, damping, angle, vectors)
+    terms = _mode_terms(loop, rates, damping, crossing)
     norm = np.einsum("pa,pa->p", left, right)
     factor = (1.0 - np.exp(-1j * angle)) / norm
     value = 1.0 / depth + 0j
-    by_rate = _mode_terms(loop, rates * (1.0 + _STEP), damping, angle, vectors) - terms
-    by_damping = (
-        _mode_terms(loop, rates, damping * (1.0 + _STEP), angle, vectors) - terms
-    )
+    by_rate = _mode_terms(loop, rates * (1.0 + _STEP), damping, crossing) - terms
+    by_damping = _mode_terms(loop, rates, damping * (1.0 + _STEP), crossing) - terms
     share = (factor / value)[:, None]
     turn = np.einsum("pa,pab,pb->p", left, loop.slope(angle), right) / norm / value
     steep = np.abs(turn.imag) > 1e-12 * np.abs(turn.real)
@@ -986,11 +987,11 @@ def _mode_terms(
     loop: Loop,
     rates: Array,
     damping: Array,
-    angle: Array,
-    vectors: tuple[Complex, Complex],
+    crossing: Crossing,
 ) -> Complex:
-    """Return the terms (p, m) of leftᵀ Λ right / (1 - 1/μ), by mode."""
-    left, right = vectors
+    """Return the terms (p, m) of leftᵀ Λ right / (1 - 1/μ) at a crossing, by mode."""
+    left = crossing.left
+    right = crossing.right
     nodes = loop.nodes
     which = nodes.which
     poles = _upper_poles(rates, damping)
@@ -1006,7 +1007,7 @@ def _mode_terms(
         nodes, poles, loop.delay, loop.seen, loop.loaded
     )
     both = np.concatenate([poles, poles.conj()], axis=1)
-    inverse = np.exp(-1j * angle)[:, None]
+    inverse = np.exp(-1j * crossing.angle)[:, None]
     middle = inverse / (1.0 - np.exp(both * loop.delay[:, None]) * inverse)
     after = np.einsum("pa,pam->pm", left, lasting_left)
     before = np.einsum("pa,pam->pm", right, lasting_right)

@@ -83,13 +83,17 @@ def check(tmp_path, wanted, tolerance=0.01, force=1.0):
         assert settling.growth(model, data) <= 1.0 + 1e-6
         home = settling.balance(model, data)
         close(settling.twist(free, home), sagged[k], tolerance)
-        rest = data.qpos.copy()
-        for wrench in force * np.eye(6):
-            data.qpos[:] = rest
-            loaded = settling.balance(model, data, wrench)
-            moved = settling.twist(home, loaded)
-            close(moved, soft[k] @ wrench, tolerance)
+        check_loads(model, data, home, soft[k], tolerance, force)
     return model, data, export
+
+
+def check_loads(model, data, home, soft, tolerance, force=1.0):
+    """Compare twists from a balanced place under six wrenches with a compliance (6, 6)."""
+    rest = data.qpos.copy()
+    for wrench in force * np.eye(6):
+        data.qpos[:] = rest
+        loaded = settling.balance(model, data, wrench)
+        close(settling.twist(home, loaded), soft @ wrench, tolerance)
 
 
 def close(given, right, tolerance):
@@ -287,11 +291,7 @@ def test_what_vibrates_above_the_highest_frequency_is_lumped(name, tmp_path):
         assert settling.growth(model, data) <= 1.0 + 1e-6
         close(settling.twist(free, settling.settle(model, data)), sagged[k], 0.01)
         home = settling.balance(model, data)
-        rest = data.qpos.copy()
-        for wrench in np.eye(6):
-            data.qpos[:] = rest
-            moved = settling.twist(home, settling.balance(model, data, wrench))
-            close(moved, soft[k] @ wrench, 0.01)
+        check_loads(model, data, home, soft[k], 0.01)
 
 
 def test_robots_that_a_simulator_cannot_hold_are_refused(tmp_path):

@@ -888,28 +888,29 @@ def test_a_gantry_is_as_stiff_as_its_rods(gantry):
     assert 2.9e6 < matrix[2, 2] < 5.8e6
 
 
+def compound(name, parts):
+    """Return a labelled assembly of shapes by name."""
+    children = [shape.solid() for shape in parts.values()]
+    for label, solid in zip(parts, children, strict=True):
+        solid.label = label
+    return b.Compound(label=name, children=children)
+
+
 def test_equal_rods_in_halves_of_blocks_are_one_part(tmp_path):
     """A half's patch has its centroid at -0.0 on one rod and at 0.0 on the other."""
-    children = []
-
-    def add(name, shape):
-        solid = shape.solid()
-        solid.label = name
-        children.append(solid)
-
-    add("base", b.Pos(0, 0, -10) * b.Box(400, 120, 20))
+    parts = {"base": b.Pos(0, 0, -10) * b.Box(400, 120, 20)}
     for j, y in enumerate((-30, 30)):
         rod = b.Pos(0, y, 30) * b.Rot(0, 90, 0) * b.Cylinder(4, 340)
-        add(f"rod{j}", rod)
+        parts[f"rod{j}"] = rod
         for i, x in enumerate((-160, 160)):
-            add(f"lower{i}{j}", b.Pos(x, y, 15) * b.Box(24, 30, 30) - rod)
-            add(f"upper{i}{j}", b.Pos(x, y, 36) * b.Box(24, 30, 12) - rod)
+            parts[f"lower{i}{j}"] = b.Pos(x, y, 15) * b.Box(24, 30, 30) - rod
+            parts[f"upper{i}{j}"] = b.Pos(x, y, 36) * b.Box(24, 30, 12) - rod
     head = b.Pos(0, 0, 40) * b.Box(60, 100, 36)
     for y in (-30, 30):
         head -= b.Pos(0, y, 30) * b.Rot(0, 90, 0) * b.Cylinder(4.02, 60)
-    add("head", head)
+    parts["head"] = head
     found = from_assembly(
-        b.Compound(label="halves", children=children),
+        compound("halves", parts),
         tmp_path / "halves.toml",
         material="*=steel",
         ground="base",
@@ -932,13 +933,8 @@ def test_a_slender_tool_that_nothing_touches_is_warned_of(tmp_path):
         "slide": b.Pos(0, 0, 30) * b.Box(50, 60, 60) - rod,
         "probe": rod,
     }
-    children = []
-    for name, shape in parts.items():
-        solid = shape.solid()
-        solid.label = name
-        children.append(solid)
     found = from_assembly(
-        b.Compound(label="probe", children=children),
+        compound("probe", parts),
         tmp_path / "probe.toml",
         material="*=steel",
         ground="base",

@@ -302,8 +302,10 @@ def analyse(
     check_word("gravity", gravity, get_args(Gravity))
     configurations = configure(mechanism, poses)
     n = len(configurations)
-    matrix, yielding = np.empty((n, 6, 6)), np.empty((n, 6, 6))
-    sagged, inverse_condition = np.empty((n, 6)), np.empty(n)
+    matrix = np.empty((n, 6, 6))
+    yielding = np.empty((n, 6, 6))
+    sagged = np.empty((n, 6))
+    inverse_condition = np.empty(n)
     free = np.empty(n, dtype=np.int_)
     rigid: list[Array] = []
     for start in range(0, n, _BLOCK):
