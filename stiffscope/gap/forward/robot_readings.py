@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.campaign.kinds.kind import Predictor
     from stiffscope.gap.effects.effect import Knee
     from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
-    from stiffscope.gap.forward.setup import Placed, Projection
+    from stiffscope.gap.forward.instrument_state import InstrumentReadings, Projection
     from stiffscope.runtime.types import Array, Flags, Indices
     from stiffscope.vjm.model.joints import Law
 
@@ -138,7 +138,7 @@ class RobotReadings(InstrumentReadings):
         return out
 
     @cached_property
-    def placed_instruments(self) -> Placed | None:
+    def placed_instruments(self) -> InstrumentReadings | None:
         """Instruments that read positions and distances; None if there are none."""
         instruments = self.at.instruments
         if not len(instruments.rows):
