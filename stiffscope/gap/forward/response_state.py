@@ -82,6 +82,8 @@ class NuisanceSettings:
     static
         Frequency of modes over the highest line from which inertial loads are left out of
         derivatives.
+    distant
+        χ² per reading from which the fitted damping is none of the modes'.
     far
         The same from which modes have no damping, and no more than their inertia.
     """
@@ -105,6 +107,7 @@ class NuisanceSettings:
     most: float = 0.3
     beside: float = 4.0
     static: float = 4.0
+    distant: float = 4.0
     far: float = 10.0
 
 
@@ -662,12 +665,13 @@ class ResponseState:
                 break
             damping, moved = best.damping.move(best.step.find(stiff), limits)
             now = self._fit_at(damping)
-            if now.step.cost < best.step.cost:
+            gained = best.step.cost - now.step.cost
+            if gained > 0.0:
                 best = now
                 stiff = stiff / limits.easier
             else:
                 stiff = stiff * limits.stiffer
-            if moved < limits.settled:
+            if moved < limits.settled or 0.0 < gained < enough:
                 break
         return best
 
@@ -713,11 +717,18 @@ class ResponseState:
         near = self._near
         return 2.0 * np.sqrt(self.modes.stiffness[near] * self.modes.mass[near])
 
-    def predict_lines(self, hertz: Array) -> Complex:
-        """Return the lines (r, f) at other frequencies (f,), with the fitted damping."""
+    @property
+    def is_far(self) -> bool:
+        """Whether the lines are so far off that the damping fitted to them is none."""
+        fitted = self._fitted
+        return fitted.step.cost > self.settings.distant * 2.0 * fitted.left.size
+
+    def predict_lines(self, hertz: Array, *, usual: bool = False) -> Complex:
+        """Return the lines (r, f) at other frequencies (f,), with the fitted or the usual damping."""
         line = 2j * np.pi * hertz
         s = self.block.measured.decay + line
-        swept = _Swept(self._respond(self._fitted.damping, s), s)
+        damping = self._nominal_damping if usual else self._fitted.damping
+        swept = _Swept(self._respond(damping, s), s)
         received = self._receive_lines(swept)
         return self._gains * received * (s / line) ** self._orders
 
