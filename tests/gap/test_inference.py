@@ -1046,6 +1046,39 @@ def test_what_explains_less_than_a_twentieth_is_not_certain(size, certain):
         assert any("effect-1" in r and "less than 5 %" in r for r in found.remarks)
 
 
+@pytest.mark.parametrize(("size", "certain"), [(0.03, False), (0.1, True)])
+@pytest.mark.parametrize("rest", [0.0, 3.0])
+def test_a_part_of_the_gap_is_the_same_beside_a_rest(rest, size, certain):
+    """Two effects on loads of their own, of 0.5 and `size`: squares of what they move add up, beside a rest too.
+
+    The second moves readings by 20 % of the gap, its share of χ² is 4 %.
+    """
+    rng = np.random.default_rng(23)
+    model = linear_model(rng, parameters=(1,))
+    even = np.argmax(model.campaign.wrench != 0.0, axis=1) % 2 == 0
+    signatures = dict(model.signatures)
+    for name, own in (("effect-0 @ place", even), ("effect-1 @ place", ~even)):
+        signatures[name] = signatures[name] * own[:, None]
+    model = replace(model, signatures=signatures)
+    model = planted(model, e0=(0.5,), e1=(size,))
+    left = rest * 1e-6 * rng.standard_normal(len(model.nominal))
+    value = model.campaign.value + left
+    model = replace(model, campaign=replace(model.campaign, value=value))
+    found = find(model)
+    whole = found.fit_effects(model.library[:2])
+    assert bool(lack_of_fit(found, whole)) == (rest > 0.0)
+    moved = [
+        np.linalg.norm(10.0 * u * signatures[f"effect-{k} @ place"]) / 10e-6
+        for k, u in enumerate((0.5, size))
+    ]
+    sigmas = rest * np.sqrt(len(model.nominal))
+    gap = np.linalg.norm([*moved, sigmas])
+    parts = [(np.hypot(each, sigmas) - sigmas) / gap for each in moved]
+    del parts
+    named = {e.effect for e in conclude(found).effects}
+    assert named == ({"effect-0", "effect-1"} if certain else {"effect-0"})
+
+
 def test_an_answer_that_knows_of_a_further_cause_is_not_complete():
     """The second adds a tenth to χ², as errors of a model may, but is seen beyond doubt all the same."""
     model = linear_model(np.random.default_rng(21), parameters=(1,))
