@@ -12,7 +12,6 @@ from stiffscope.cli.output import emit
 from stiffscope.errors import require
 from stiffscope.imports.import_assembly import import_assembly
 from stiffscope.imports.import_model import import_model
-from stiffscope.imports.user_settings import ImportSettings
 from stiffscope.imports.show import (
     count_model,
     import_json,
@@ -20,6 +19,7 @@ from stiffscope.imports.show import (
     show_import,
     show_written,
 )
+from stiffscope.imports.user_settings import ImportSettings
 from stiffscope.report.progress import progress
 
 if TYPE_CHECKING:

@@ -36,18 +36,18 @@ from stiffscope.imports.model_tool import choose_coordinates
 from stiffscope.imports.part_estimates import Estimate, estimate_part
 from stiffscope.imports.part_motions import Freedom, tool_motions
 from stiffscope.imports.robot_text import driven, robot_text
-from stiffscope.imports.user_settings import (
-    ImportSettings,
-    apply_stated_joints,
-    match_solids,
-    settings_beside,
-    read_settings,
-)
 from stiffscope.imports.simulator_model import (
     ModelBody,
     ModelJoint,
     SimulatorModel,
     find_distances,
+)
+from stiffscope.imports.user_settings import (
+    ImportSettings,
+    apply_stated_joints,
+    match_solids,
+    read_settings,
+    settings_beside,
 )
 from stiffscope.robot.file.parse import place_of
 from stiffscope.robot.file.tables import list_some
@@ -522,7 +522,9 @@ def _softest(
     )
 
 
-def _notes(assembly: _Found, ground: int, tool: int, settings: ImportSettings) -> tuple[str, ...]:
+def _notes(
+    assembly: _Found, ground: int, tool: int, settings: ImportSettings
+) -> tuple[str, ...]:
     """Return notes on choices and omissions."""
     solids = assembly.solids
     density = MATERIALS["steel"].density

@@ -60,10 +60,14 @@ def settings_beside(path: Path, settings: ImportSettings) -> ImportSettings:
         for field in fields(ImportSettings)
         if field.name not in _SINGLE
     }
-    return ImportSettings(settings.ground or held.ground, settings.tool or held.tool, **lists)
+    return ImportSettings(
+        settings.ground or held.ground, settings.tool or held.tool, **lists
+    )
 
 
-def read_settings(table: Mapping[str, Any], place: Callable[..., str] | None = None) -> ImportSettings:
+def read_settings(
+    table: Mapping[str, Any], place: Callable[..., str] | None = None
+) -> ImportSettings:
     """Read settings: texts, lists of texts, or tables such as ``material = {"*": "steel"}``.
 
     Raises InputError if invalid; the message begins with the key's ``place``, if given.

@@ -144,7 +144,9 @@ def along(
         )
     course = plan_course(job, assembled)
     choice = choose_free_coordinates(course, assembled)
-    return replace(predict(choice.course, assembled, choice.path, progress), free_choice=choice)
+    return replace(
+        predict(choice.course, assembled, choice.path, progress), free_choice=choice
+    )
 
 
 def predict(

@@ -151,7 +151,10 @@ def show_path(
         gain = _gain(state.free_choice, state).values()
         single, chosen = (_two(value["rms"], value["greatest"]) for value in gain)
         facts.append(
-            (f"free: {', '.join(state.free_choice.values)}", f"{chosen}; held still {single}")
+            (
+                f"free: {', '.join(state.free_choice.values)}",
+                f"{chosen}; held still {single}",
+            )
         )
     known = state.first[np.isfinite(state.first)]
     if known.size:

@@ -315,6 +315,7 @@ def test_minima_are_those_of_all_combinations_of_bounds():
         )
 
 
+@pytest.mark.extended
 def test_four_effects_are_found_with_shares_that_add_up():
     model = planted(
         linear_model(np.random.default_rng(5)),
@@ -1141,6 +1142,7 @@ def test_readings_far_off_under_one_load_at_several_poses_are_no_slips(together)
     assert noise.used.sum() >= len(c) - len(rows)
 
 
+@pytest.mark.extended
 def test_what_is_adopted_is_certain_and_fitted_without_the_rest():
     """Of three effects the third is hardly likelier than not: the others are what least squares say without it."""
     model = linear_model(np.random.default_rng(6), parameters=(1,))

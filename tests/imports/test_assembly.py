@@ -550,8 +550,14 @@ def test_a_new_export_says_what_changed(tmp_path):
 @pytest.mark.parametrize(
     ("said", "message"),
     [
-        (ImportSettings(), r"machine\.step: expected a material for finger, pad, got none"),
-        (ImportSettings(material=("*=wood",)), r"--material \*=wood: expected PATTERN=NAME"),
+        (
+            ImportSettings(),
+            r"machine\.step: expected a material for finger, pad, got none",
+        ),
+        (
+            ImportSettings(material=("*=wood",)),
+            r"--material \*=wood: expected PATTERN=NAME",
+        ),
         (
             ImportSettings(material=("*=steel",), joint=("palm/pad=revolute",)),
             "expected two solids that touch",

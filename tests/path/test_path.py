@@ -323,6 +323,7 @@ def test_a_free_turn_is_nowhere_worse_than_the_best_of_72_fixed_ones_and_smooth(
     assert np.abs(after.left).max() < 1e-8 * found.size.max()
 
 
+@pytest.mark.extended
 def test_no_fixed_turn_of_a_six_axis_arm_is_better_anywhere_than_the_one_that_is_chosen(
     tmp_path,
 ):
@@ -379,7 +380,9 @@ def test_no_fixed_turn_of_a_six_axis_arm_is_better_anywhere_than_the_one_that_is
     np.testing.assert_allclose(
         np.abs(found.parts["normal"]), found.free_choice.error, rtol=1e-9
     )
-    assert np.abs(np.diff(found.free_choice.values["spindle"], 2)).max() < np.deg2rad(4.0)
+    assert np.abs(np.diff(found.free_choice.values["spindle"], 2)).max() < np.deg2rad(
+        4.0
+    )
 
 
 def test_a_turntable_turns_path_and_forces_with_the_workpiece():

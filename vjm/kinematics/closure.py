@@ -220,7 +220,9 @@ class Closure:
                     errors[:, going] = late.error
                     closed = (most < CLOSED) & trusted
                     closed[going] = late.closed & trusted[going]
-                    return Solution(q, closed, linkage.find_link_frames(q), errors, factors)
+                    return Solution(
+                        q, closed, linkage.find_link_frames(q), errors, factors
+                    )
                 still = np.count_nonzero(size < _STILL) >= (1.0 - _STRAGGLERS) * n
                 if factors is None or count != 1 or not still:
                     factors = self.factorize(placed)

@@ -280,7 +280,8 @@ def learn_configurations(
             again.failure == RANGE, REACHED, again.failure
         )
         return _configurations(
-            solver, replace(solution, placed=solver.linkage.find_link_frames(solution.q))
+            solver,
+            replace(solution, placed=solver.linkage.find_link_frames(solution.q)),
         )
 
     return find

@@ -326,7 +326,9 @@ class Instruments:
         found[group[placed], c.direction[rows[placed]]] = placed
         return found[(found >= 0).all(axis=1)]
 
-    def fit(self, points: Array, turns: Array, setup: InstrumentState, weight: Array) -> InstrumentState:
+    def fit(
+        self, points: Array, turns: Array, setup: InstrumentState, weight: Array
+    ) -> InstrumentState:
         """Return the best-fitting instruments by damped Gauss-Newton from an initial setup."""
         sigma, stated = self._prior
         own = weight[self.rows]
@@ -369,7 +371,9 @@ class Instruments:
             every, sigma, out=np.zeros(len(sigma)), where=stated & (sigma > 0.0)
         )
 
-    def place(self, points: Array, turns: Array, start: tuple[InstrumentState, Array]) -> InstrumentReadings:
+    def place(
+        self, points: Array, turns: Array, start: tuple[InstrumentState, Array]
+    ) -> InstrumentReadings:
         """Fit the instruments to one prediction.
 
         Parameters
@@ -388,7 +392,9 @@ class Instruments:
         looks = np.concatenate(
             [direction, np.cross(self._levers(setup, turns), direction)], axis=1
         )
-        return InstrumentReadings(setup, seen, looks, self.project(columns, start[1]), left)
+        return InstrumentReadings(
+            setup, seen, looks, self.project(columns, start[1]), left
+        )
 
     def find_displaced(self, setup: InstrumentState) -> Iterator[str]:
         """Yield frames and targets that are farther from where they are stated than is likely.

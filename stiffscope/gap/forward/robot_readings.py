@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
     from stiffscope.gap.campaign.kinds.kind import Predictor
     from stiffscope.gap.effects.effect import Knee
-    from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
     from stiffscope.gap.forward.instrument_state import InstrumentReadings, Projection
+    from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
     from stiffscope.runtime.types import Array, Flags, Indices
     from stiffscope.vjm.model.joints import Law
 
