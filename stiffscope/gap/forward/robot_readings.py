@@ -313,8 +313,8 @@ class RobotReadings(InstrumentReadings):
             wide = [np.broadcast_to(c, (count, *c.shape[1:])) for c in some]
             pair = self.at_loads(np.concatenate(wide, axis=1))
             ends = np.cumsum([c.shape[1] for c in some])[:-1]
-            parts = [np.split(each, ends, axis=1) for each in pair]
-            out += list(zip(*parts, strict=True))
+            sensed, driven = (np.split(each, ends, axis=1) for each in pair)
+            out += zip(sensed, driven, strict=True)
         return out
 
     @cached_property
