@@ -31,7 +31,7 @@ from stiffscope.gap.inference.priors import (
     spread_priors,
 )
 from stiffscope.gap.inference.search import Search
-from stiffscope.gap.inference.settings import FIT, PRIORS
+from stiffscope.gap.inference.settings import FIT, PRIORS, VERDICT
 from stiffscope.gap.inference.verdict import shares
 from tests.gap.synthetic import LinearModel, LinearPrediction, linear_model
 
@@ -1044,6 +1044,36 @@ def test_what_explains_less_than_a_twentieth_is_not_certain(size, certain):
         (small,) = (p for p in found.possible if p.effect == "effect-1")
         assert small.probability > 0.9
         assert any("effect-1" in r and "less than 5 %" in r for r in found.remarks)
+
+
+@pytest.mark.parametrize(("size", "certain"), [(0.3, False), (1.0, True)])
+def test_an_effect_beside_a_rest_is_judged_by_the_gap_not_its_square(size, certain):
+    """Two effects on loads of their own, of 5 and `size`, and a rest: of what is left, squares add up.
+
+    The second moves readings by 14 % of the gap, or by 4 %; its share of χ² is 2 %, or 0.2 %.
+    """
+    rng = np.random.default_rng(23)
+    model = linear_model(rng, parameters=(1,))
+    even = np.argmax(model.campaign.wrench != 0.0, axis=1) % 2 == 0
+    signatures = dict(model.signatures)
+    for name, own in (("effect-0 @ place", even), ("effect-1 @ place", ~even)):
+        signatures[name] = signatures[name] * own[:, None]
+    model = planted(replace(model, signatures=signatures), e0=(5.0,), e1=(size,))
+    sigma = model.campaign.sigma
+    value = model.campaign.value + 2.0 * sigma * rng.standard_normal(len(sigma))
+    model = replace(model, campaign=replace(model.campaign, value=value))
+    found = find(model)
+    assert lack_of_fit(found, found.fit_effects(model.library[:2]))
+    moved = [
+        np.linalg.norm(each * signatures[f"effect-{k} @ place"][:, 0] / sigma)
+        for k, each in enumerate((5.0, size))
+    ]
+    rest = 2.0 * np.sqrt(len(sigma))
+    part = (np.hypot(moved[1], rest) - rest) / np.linalg.norm([*moved, rest])
+    assert (part > VERDICT.explains) == certain
+    answer = conclude(found)
+    assert answer.verdict == "partly"
+    assert ("effect-1" in {e.effect for e in answer.effects}) == certain
 
 
 def test_an_answer_that_knows_of_a_further_cause_is_not_complete():

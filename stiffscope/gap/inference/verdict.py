@@ -324,9 +324,10 @@ def _explained_parts(found: Findings, whole: Hypothesis) -> dict[str, float]:
 
     It is what is left without it: of two effects that change the readings alike, one may have a
     share and yet add nothing. Where errors of the model are left, which anything fits in part, it
-    is no more than its share of what all explain. A reading in a wrong unit or with a wrong sign makes the
-    gap any number of times as large: the parts of others, of such faults too, are those of the gap
-    that is left where it is put right.
+    is no more than what its share of all that they explain would add to this rest. Shares add up in
+    χ², of which the gap is the root. A reading in a wrong unit or with a wrong sign makes the gap any
+    number of times as large: the parts of others, of such faults too, are those of the gap that is
+    left where it is put right.
     """
     misread = [c for c in whole.candidates if c.assumed]
     left = _excess(found, whole)
@@ -342,7 +343,9 @@ def _explained_parts(found: Findings, whole: Hypothesis) -> dict[str, float]:
             names = [each.name for each in whole.candidates if each not in put_right]
             among = sum(share[name] for name in names)
             own = share[c.name] / among if among > 0.0 else 1.0 / len(names)
-        out[c.name] = min(own * (gap - left), _excess(found, rest) - left) / gap
+        # of what is left without its share, squares add up: E² = L² + share (G² − L²)
+        without = np.sqrt((1.0 - own) * left**2 + own * gap**2)
+        out[c.name] = (min(without, _excess(found, rest)) - left) / gap
     return out
 
 
