@@ -280,7 +280,9 @@ def _match(
     inside = (modes > hertz.min() / _FAR) & (modes < hertz.max() * _FAR)
     own = modes[inside]
     # both as heard at a resonance, with the tails of the modes beside it
-    parts = np.concatenate([state.predict_lines(own) for state in states])
+    parts = np.concatenate(
+        [state.predict_lines(own, usual=state.is_far) for state in states]
+    )
     ratios = _find_ratios(states)[inside]
     product = np.abs(shapes.conj().T @ parts) ** 2
     size = np.sum(np.abs(shapes) ** 2, axis=0)[:, None] * (heard.T @ np.abs(parts) ** 2)

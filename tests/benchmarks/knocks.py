@@ -101,7 +101,7 @@ def place_points(name, machine):
 
 
 def plant(cause, machine, pose, rng):
-    """The changed machine, and the truth as sets of names."""
+    """The changed machine, the truth as sets of names, and the planted sizes by name."""
     driven = [j.name for j in machine.joints.values() if j.drive is not None]
     rigid = [b for b in machine.bodies.values() if len(b.nodes) == 1 and b.mass]
     tool = (b for b in machine.bodies.values() if machine.tool in b.nodes)
@@ -109,6 +109,7 @@ def plant(cause, machine, pose, rng):
         rigid, key=lambda b: (b.name == machine.tool, b.mass), default=None
     ) or next(tool)
     truth = []
+    sizes = {}
     changed = machine
     spot = tool_spot(machine)
     response = respond(machine, np.array([pose]), [spot])
@@ -119,9 +120,11 @@ def plant(cause, machine, pose, rng):
             chosen = str(rng.choice(driven))
             changed = inject(changed, "actuator-stiffness", chosen, {"factor": 0.6})
             truth.append([f"actuator-stiffness @ {chosen}"])
+            sizes[truth[-1][0]] = {"factor": 0.6}
         elif part == "drives":
             changed = inject(changed, "actuator-stiffness", "drives", {"factor": 0.6})
             truth.append(["actuator-stiffness @ drives"])
+            sizes[truth[-1][0]] = {"factor": 0.6}
         elif part == "base":
             size = rng.uniform(0.3, 1.0, 6)
             reach = np.linalg.norm(machine.at) + 0.1
@@ -130,6 +133,7 @@ def plant(cause, machine, pose, rng):
             entries = dict(zip(COORDINATES, base.tolist(), strict=True))
             changed = inject(changed, "base-compliance", "base", entries)
             truth.append(["base-compliance @ base"])
+            sizes[truth[-1][0]] = entries
         elif part == "mass":
             factor = float(rng.choice([0.7, 1.3]))
             own = replace(
@@ -144,15 +148,18 @@ def plant(cause, machine, pose, rng):
             if len(heavy.nodes) == 1 and not heavy.inertia.any():
                 names.append(f"payload @ {heavy.name}")
             truth.append(names)
+            sizes[names[0]] = {"factor": factor}
+            sizes[f"payload @ {heavy.name}"] = {"mass": (factor - 1.0) * heavy.mass}
         elif part == "accelerometer":
             point = str(1 + int(rng.integers(4)))
             changed = replace(changed, sensor_masses={point: 0.06})
             truth.append([f"sensor-mass @ {point}"])
+            sizes[truth[-1][0]] = {"mass": 0.06}
         elif part == "hose":
             size = rng.uniform(0.1, 0.4, 3) / soft
             entries = dict(zip("xyz", size.tolist(), strict=True))
             changed = inject(changed, "cable-chain", "tool", entries)
-    return changed, truth
+    return changed, truth, sizes
 
 
 def write_readings(folder, robot, machine, poses, seed):
@@ -191,7 +198,7 @@ def write(folder, name, cause, seed, *, read=False):
     located = locate(machine, poses)
     low, high, about = find_band(machine, plan, located, MODES)
     plan = replace(plan, hertz=space_lines(low, high, LINES), about=about)
-    changed, truth = plant(cause, machine, poses[0], rng)
+    changed, truth, sizes = plant(cause, machine, poses[0], rng)
     noise = HammerNoise()
     damping = noise.draw_damping(rng, PRIVATE)
     true = strike(changed, plan, located, damping)
@@ -201,12 +208,14 @@ def write(folder, name, cause, seed, *, read=False):
         shown = [factor if each.channel == channel else 1.0 for each in motions]
         true = true * np.array(shown)[:, None]
         truth.append([f"response-gain @ {channel}"])
+        sizes[truth[-1][0]] = {"factor": factor}
     measured = record(true, plan, noise, np.random.default_rng([seed, 77]))
     setups = dict(zip(names, names, strict=True))
     write_responses(folder, plan, measured, robot=name, names=setups, components="beam")
     if read:
         write_readings(folder, robot, changed, poses, seed)
     (folder / "truth.json").write_text(json.dumps(truth))
+    (folder / "sizes.json").write_text(json.dumps(sizes))
     return truth
 
 
@@ -260,6 +269,8 @@ def main():
         for name in chosen.robot or ROBOTS:
             for cause in chosen.cause or CAUSES:
                 folder = chosen.folder / f"{name}-{cause}-{seed}"
+                if (folder / "answer.json").exists():
+                    continue
                 truth = write(folder, name, cause, seed, read=chosen.readings)
                 start = time.process_time()
                 answer = to_json(diagnose(folder))

@@ -33,9 +33,9 @@ if TYPE_CHECKING:
     from stiffscope.robot.nominal import NominalRobot
     from stiffscope.runtime.types import Array
 
-WIDTH = 0.12
+WIDTHS = 0.12, 0.5
 """Of local means from which a search starts, relative to frequency: shifts of modes of about
-this size are found."""
+this size are found. Wider means tell less, and are tried where the narrower ones find nothing."""
 
 
 @dataclass(frozen=True)
@@ -100,14 +100,16 @@ class JointModel:
 
     @property
     def coarse(self) -> JointModel | None:
-        """The same model by local means of lines, in which a search starts; None if it is that."""
+        """The same model by local means of lines, in which a search starts; None of the widest."""
         return self._coarse
 
     @cached_property
     def _coarse(self) -> JointModel | None:
-        if self.width:
+        wider = [width for width in WIDTHS if width > self.width]
+        if not wider:
             return None
-        return JointModel(self.readings, self.responses, WIDTH, self.known, self._sound)
+        known = self.library if self.width else self.known
+        return JointModel(self.readings, self.responses, wider[0], known, self._sound)
 
     @property
     def library(self) -> tuple[Candidate, ...]:
@@ -118,7 +120,7 @@ class JointModel:
     def _library(self) -> tuple[Candidate, ...]:
         if self.known is not None:
             return self.known
-        if self.coarse is not None:
+        if not self.width and self.coarse is not None:
             return self.coarse.library
         weighs = self.readings.campaign.is_weighed or not len(self.readings.campaign)
         without = {self.readings.without, Gravity.word if weighs else ""}

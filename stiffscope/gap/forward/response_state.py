@@ -64,6 +64,10 @@ class NuisanceSettings:
         it is fitted.
     rounds
         Most steps of the fit of damping.
+    marquardt
+        Relative increase of the diagonal with which they start.
+    easier, stiffer
+        Factors by which it falls after a step that gains, and rises after one that does not.
     step
         Largest change of that logarithm in one.
     settled
@@ -78,6 +82,8 @@ class NuisanceSettings:
     static
         Frequency of modes over the highest line from which inertial loads are left out of
         derivatives.
+    distant
+        χ² per reading from which the fitted damping is none of the modes'.
     far
         The same from which modes have no damping, and no more than their inertia.
     """
@@ -89,7 +95,10 @@ class NuisanceSettings:
     coupled: float = 0.95
     close: float = 4.0
     heard: float = 0.3
-    rounds: int = 10
+    rounds: int = 20
+    marquardt: float = 0.01
+    easier: float = 5.0
+    stiffer: float = 5.0
     step: float = 1.0
     settled: float = 0.01
     gained: float = 0.1
@@ -98,10 +107,40 @@ class NuisanceSettings:
     most: float = 0.3
     beside: float = 4.0
     static: float = 4.0
+    distant: float = 4.0
     far: float = 10.0
 
 
 SETTINGS = NuisanceSettings()
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """Change of nuisances (q,) by which a residual becomes least, of which h act nonlinearly.
+
+    Attributes
+    ----------
+    precision, pull
+        Of ``precision · step = pull`` (q, q) and (q,).
+    held
+        Number h; these come first.
+    cost
+        χ² of residual and priors, the others fitted.
+    square
+        χ² after the step, to first order.
+    """
+
+    precision: Array
+    pull: Array
+    held: int
+    cost: float
+    square: float
+
+    def find(self, damping: float) -> Array:
+        """Return the step (q,), damped as by Marquardt in what acts nonlinearly."""
+        more = np.zeros(len(self.pull))
+        more[: self.held] = damping * np.diagonal(self.precision)[: self.held]
+        return np.linalg.solve(self.precision + np.diag(more), self.pull)
 
 
 @dataclass(frozen=True, eq=False)
@@ -158,17 +197,26 @@ class _Nuisance:
         np.add.at(out, self.index, own)
         return out
 
-    def fit(self, change: Complex, at: Array) -> tuple[Array, float]:
-        """Return the step (q,) of the nuisances that fits a change (r, m) best, and its χ².
+    def fit(self, change: Complex, at: Array, held: int) -> _Step:
+        """Return what the nuisances gain of a change (r, m).
 
-        at: nuisances (q,) about which the columns are, in prior sizes.
+        Parameters
+        ----------
+        change
+            Residual over the noise.
+        at
+            Nuisances (q,) about which the columns are, in prior sizes.
+        held
+            Number of those that act nonlinearly, which come first.
         """
         left = _split_parts(_leave_gain(self.gain, change)[..., None])
-        own = self._project(left)[:, 0]
-        step = np.linalg.solve(self.gram + np.eye(self.count), own - at)
-        # χ² is that of the residual and of the prior after this step
-        square = float(np.sum(left**2) + at @ at - (own - at) @ step)
-        return step, square
+        pull = self._project(left)[:, 0] - at
+        precision = self.gram + np.eye(self.count)
+        square = float(np.sum(left**2) + at @ at)
+        linear = np.linalg.solve(precision[held:, held:], pull[held:])
+        cost = square - float(pull[held:] @ linear)
+        least = square - float(pull @ np.linalg.solve(precision, pull))
+        return _Step(precision, pull, held, cost, least)
 
     def leave(self, change: Complex) -> Array:
         """Return what is left (n, ...) of changes (r, m, ...)."""
@@ -342,9 +390,7 @@ class _FittedDamping:
     distance
         Nuisances (q,) from the usual ones, in prior sizes.
     step
-        Their step (q,) that fits the residual best.
-    square
-        χ² with the nuisances marginalized.
+        Their step that fits the residual best, and what it gains.
     """
 
     damping: _Damping
@@ -353,8 +399,7 @@ class _FittedDamping:
     nuisance: _Nuisance
     left: Complex
     distance: Array
-    step: Array
-    square: float
+    step: _Step
 
     @cached_property
     def rest(self) -> Array:
@@ -606,24 +651,28 @@ class ResponseState:
 
     @cached_property
     def _fitted(self) -> _FittedDamping:
-        """Damping that fits best, by Gauss-Newton steps that are halved where they are too long."""
+        """Damping that fits best, by steps of Levenberg and Marquardt."""
         limits = self.settings
         best = self._fit_at(self._nominal_damping)
         if self.block.mean is not None or not len(best.damping.fitted):
             return best  # local means hardly show damping
-        share = 1.0
+        stiff = limits.marquardt
         noise = 2.0 * best.left.size
         for _ in range(limits.rounds):
-            damping, moved = best.damping.move(share * best.step, limits)
-            now = self._fit_at(damping)
-            gained = best.square - now.square
             # far from the lines, a model is none, whatever its damping
-            enough = limits.gained + limits.share * max(best.square - noise, 0.0)
+            enough = limits.gained + limits.share * max(best.step.square - noise, 0.0)
+            if best.step.cost - best.step.square < enough:
+                break
+            damping, moved = best.damping.move(best.step.find(stiff), limits)
+            now = self._fit_at(damping)
+            gained = best.step.cost - now.step.cost
             if gained > 0.0:
                 best = now
-            if moved < limits.settled or abs(gained) < enough:
+                stiff = stiff / limits.easier
+            else:
+                stiff = stiff * limits.stiffer
+            if moved < limits.settled or 0.0 < gained < enough:
                 break
-            share = min(2.0 * share, 1.0) if gained > 0.0 else 0.5 * share
         return best
 
     def _fit_at(self, damping: _Damping) -> _FittedDamping:
@@ -634,9 +683,10 @@ class ResponseState:
         nuisance = self._find_nuisance(damping, amplitudes, lines, turned)
         left = (self.block.value - self.block.read(lines)) * self.block.weight
         distance = damping.find_distance(nuisance.count, self.settings)
-        step, square = nuisance.fit(left, distance)
+        held = len(damping.fitted) + len(damping.pairs)
+        step = nuisance.fit(left, distance, held)
         return _FittedDamping(
-            damping, amplitudes, lines, nuisance, left, distance, step, square
+            damping, amplitudes, lines, nuisance, left, distance, step
         )
 
     @property
@@ -667,11 +717,18 @@ class ResponseState:
         near = self._near
         return 2.0 * np.sqrt(self.modes.stiffness[near] * self.modes.mass[near])
 
-    def predict_lines(self, hertz: Array) -> Complex:
-        """Return the lines (r, f) at other frequencies (f,), with the fitted damping."""
+    @property
+    def is_far(self) -> bool:
+        """Whether the lines are so far off that the damping fitted to them is none."""
+        fitted = self._fitted
+        return fitted.step.cost > self.settings.distant * 2.0 * fitted.left.size
+
+    def predict_lines(self, hertz: Array, *, usual: bool = False) -> Complex:
+        """Return the lines (r, f) at other frequencies (f,), with the fitted or the usual damping."""
         line = 2j * np.pi * hertz
         s = self.block.measured.decay + line
-        swept = _Swept(self._respond(self._fitted.damping, s), s)
+        damping = self._nominal_damping if usual else self._fitted.damping
+        swept = _Swept(self._respond(damping, s), s)
         received = self._receive_lines(swept)
         return self._gains * received * (s / line) ** self._orders
 

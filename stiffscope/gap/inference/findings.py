@@ -23,7 +23,7 @@ from stiffscope.gap.inference.search import ROUGH, Effort, Search
 from stiffscope.gap.inference.settings import FIT, GROUPS, VERDICT
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Iterable, Iterator, Sequence
 
     from stiffscope.gap.campaign.campaign import Campaign
     from stiffscope.gap.forward.forward_model import (
@@ -447,9 +447,7 @@ def search_once(
     """Search for the sets of effects and nuisance patterns that explain a model's campaign."""
     problem = Problem(model, _without_copies(model.campaign, model.noise()))
     distinct: dict[frozenset[str], Hypothesis] = {}
-    seeds = ()
-    if model.coarse is not None and _needs_start(problem):
-        seeds = search_once(model.coarse, progress, ROUGH).hypotheses
+    seeds = _find_starts(problem, progress)
     hypotheses = Search(problem, progress, seeds, effort or Effort()).hypotheses()
     for hypothesis in hypotheses:  # the best fit of every set
         distinct.setdefault(hypothesis.names, hypothesis)
@@ -457,10 +455,28 @@ def search_once(
     return _rank(problem, [(h, h.evidence) for h in distinct.values()], fitted)
 
 
+def _find_starts(problem: Problem, progress: Progress | None) -> Sequence[Hypothesis]:
+    """Return hypotheses of a coarser model, if the problem's needs them, the best first.
+
+    What that one cannot fit is sought in a yet coarser one, whose minima are wider.
+    """
+    coarse = problem.model.coarse
+    if coarse is None or not _needs_start(problem):
+        return ()
+    rough = Problem(coarse, _without_copies(coarse.campaign, coarse.noise()))
+    found = Search(rough, progress, (), ROUGH).hypotheses()
+    if rough.measure_rest(found[0].residual) < ROUGH.enough:
+        return found
+    wider = _find_starts(rough, progress)
+    if not wider:
+        return found
+    again = Search(rough, progress, wider, ROUGH).hypotheses()
+    return sorted([*found, *again], key=lambda h: -h.evidence)
+
+
 def _needs_start(problem: Problem) -> bool:
     """Return whether the readings are far from the nominal model, whose derivatives tell little."""
-    left = problem.nominal_residual[problem.noise.used]
-    return float(np.mean(left**2)) > FIT.near
+    return problem.measure_rest(problem.nominal_residual) > FIT.near
 
 
 def _rank(

@@ -526,6 +526,10 @@ class Problem:
         """Return the residual (n,) of a prediction, over sigma."""
         return (self.model.campaign.value - prediction.values) / self.noise.sigma
 
+    def measure_rest(self, residual: Array) -> float:
+        """Return χ² per used reading of a residual (n,) over sigma."""
+        return float(np.mean(residual[self.noise.used] ** 2))
+
     def _evaluate(self, candidates: Effects, u: Array) -> tuple[Prediction, Array]:
         """Return prediction and residual (n,) over sigma. Raises InputError if not finite."""
         prediction = self.model.predict(split(candidates, u))

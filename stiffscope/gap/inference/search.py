@@ -137,15 +137,34 @@ class Search:
             if not exchanged or exchanged[0].evidence < best.evidence + SEARCH.gain:
                 break
             self._grow(exchanged[:1], fitted)
+        if self._is_enough(fitted):
+            starts = self._simplify(fitted.best)
+            fit(starts, base, "fewer effects", len(starts))
         return _sort(found.values())
+
+    def _simplify(self, whole: Hypothesis) -> list[Start]:
+        """Return parts of a set that a coarse model may fit as well: one effect, or one fewer.
+
+        A single effect is tried in all its forms, from nothing: beside others it may be elsewhere.
+        """
+        if len(whole.candidates) < 2:
+            return []
+        alone = (c for c in self.problem.model.library if c.name in whole.names)
+        starts = [
+            Start((c,), np.zeros(len(c.scale)), np.zeros(len(c.scale))) for c in alone
+        ]
+        for gone in whole.candidates if len(whole.candidates) > 2 else ():
+            rest = [(c, v) for c, v in whole.parameters if c is not gone]
+            values = join_values(v for _, v in rest)
+            starts.append(Start(tuple(c for c, _ in rest), values, values))
+        return starts
 
     def _is_enough(self, fitted: _Fitted) -> bool:
         """Return whether the best hypothesis leaves as little as is sought."""
         if not self.effort.enough:
             return False
-        used = self.problem.noise.used
-        left = fitted.best.residual[used]
-        return float(np.mean(left**2)) < self.effort.enough
+        left = self.problem.measure_rest(fitted.best.residual)
+        return left < self.effort.enough
 
     def _sketch(self, fitted: _Fitted, base: Heights) -> None:
         """Fit sets of simple effects that only fit jointly, where the best set is not obvious."""
