@@ -171,6 +171,11 @@ def round_holes(face: Face) -> list[tuple[Edge, Floats, float]]:
     return holes
 
 
+def count_borders(face: Face) -> int:
+    """Return the number of closed borders of a face: 1 without holes."""
+    return len(_list_distinct(face, TopAbs_ShapeEnum.TopAbs_WIRE, TopoDS.Wire))
+
+
 def imprint_circle(
     solid: Solid, face: Face, centre: Floats, normal: Floats, radius: float
 ) -> tuple[Solid, list[Face]]:

@@ -3,7 +3,7 @@
 The mechanics are those of `traps`, independent of the library. Every variant has another arm
 (lengths, masses, drives), other postures and another size of its fault::
 
-    python -m tests.benchmarks.field_kinds [--only TEXT] [--variants N]
+    python -m tests.benchmarks.field_kinds [--only TEXT] [--variants N] [--seed N]
 
 prints how often each kind is *right*, *honest* (nothing is certain) or *false* (something else is
 certain).
@@ -192,9 +192,11 @@ KINDS = (
 )
 
 
-def answer(kind: Kind, variant: int, stated: bool) -> tuple[str, str]:
+def answer(kind: Kind, variant: int, stated: bool, seed: int = 0) -> tuple[str, str]:
     """Return the score of one variant, and what is answered."""
-    rng = np.random.default_rng([variant, *kind.name.encode()])
+    rng = np.random.default_rng(
+        [variant, *kind.name.encode(), *([seed] if seed else [])]
+    )
     arm = draw_arm(rng)
     table = replace(kind.measure(rng, arm), robot=describe(arm))
     with tempfile.TemporaryDirectory() as folder:
@@ -210,10 +212,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--only", default="", help="kinds whose names contain this")
     parser.add_argument("--variants", type=int, default=10)
+    parser.add_argument("--seed", type=int, default=0, help="of other variants")
     given = parser.parse_args()
     for kind in KINDS:
         for stated in kind.stated if given.only in kind.name else ():
-            answers = [answer(kind, v, stated) for v in range(given.variants)]
+            answers = [
+                answer(kind, v, stated, given.seed) for v in range(given.variants)
+            ]
             count = dict(Counter(score for score, _ in answers))
             print(f"{kind.name}, sigma {'stated' if stated else 'empty'}: {count}")
             for score, words in answers:

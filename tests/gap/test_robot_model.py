@@ -889,3 +889,22 @@ def test_a_constant_pull_moves_the_resting_tool_by_its_compliance(weighed):
     assert moved[at_tool] == pytest.approx(right[at_tool], rel=1e-7, abs=1e-15)
     columns = model.predict().columns(candidate)
     assert columns @ force == pytest.approx(moved, rel=1e-7, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    "pose", [[0, 2, 1, 1, 0, 2], [0, 0, 1, 2, 2, 2], [0, 1, 1, 2, 2, 2, 1]]
+)
+def test_products_by_pose_are_those_of_each_reading(pose):
+    """Readings in any order, as many of each pose or not."""
+    pose = np.array(pose)
+    rng = np.random.default_rng(1)
+    rates = rng.standard_normal((len(pose), 4))
+    matrices = rng.standard_normal((3, 4, 5))
+    campaign = SimpleNamespace(pose=pose, poses=np.zeros((3, 1)))
+    at = robot_at_poses.RobotAtPoses(None, campaign)
+    each = np.einsum("nk,nkm->nm", rates, matrices[pose])
+    assert at.multiply_by_pose(rates, matrices) == pytest.approx(each)
+    own = np.arange(len(pose))
+    at.__dict__["distinct_readings"] = ((own, own),) * 2
+    for found in at.load_distinct(np.swapaxes(matrices, 1, 2), (rates, rates)):
+        assert found == pytest.approx(each)

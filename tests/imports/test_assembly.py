@@ -134,6 +134,24 @@ def test_sheet_metal_is_softer_than_a_bar_of_its_extents():
     assert found.wall > 20 * found.compliance
 
 
+def test_a_bent_sheet_is_as_soft_as_its_developed_strip():
+    """A U of 2 mm sheet, 50 mm wide: the energy of a force at its upper lip's end, by Castigliano."""
+    foot, wall, lip = (
+        b.Pos(x, 0, z) * b.Box(length, 50, height)
+        for x, z, length, height in ((20, 1, 40, 2), (1, 30, 2, 60), (20, 59, 40, 2))
+    )
+    solid = (foot + wall + lip).solid()
+    (only, _) = read_built(
+        b.Compound(children=[solid, b.Pos(0, 0, 100) * b.Box(9, 9, 9)]), "two", []
+    )[0]
+    steel = MATERIALS["steel"]
+    bending = steel.youngs_modulus * 0.05 * 0.002**3 / 12.0
+    # sideways force at the upper end, the foot clamped at its end: wall, foot (m)
+    sideways = (0.058**3 / 3 + 0.058**2 * 0.039) / bending
+    found = estimate_part(only, steel)
+    assert 0.3 < found.compliance / sideways < 3
+
+
 def _place_solids(made, place, named=True):
     children = []
     for name, solid in made.solids.items():

@@ -78,10 +78,11 @@ def find_motion_rates(readings: RobotReadings) -> MotionRates:
         away = point - places.tool
         return np.broadcast_to(away, (len(readings.campaign.poses), 3))[pose]
 
-    for each in state.element_states:
+    states = list(state.element_states)
+    twists = readings.at_each_load([each.across for each in states])
+    wrenches = readings.at_each_load([each.carried for each in states])
+    for each, across, carried in zip(states, twists, wrenches, strict=True):
         element = each.element
-        across = readings.at_loads(each.across)
-        carried = readings.at_loads(each.carried)
         arm = lever(places.point(element.bearer, element.at))
         shift = np.zeros((len(pose), 3))
         turns: list[tuple[str, Array]] = []

@@ -115,6 +115,71 @@ class RobotAtPoses:
     def _cuts(self) -> dict[str, Response]:
         return {}
 
+    def moved_by(self, name: str, nodes: Sequence[str]) -> Array:
+        """Return the twists (p, 6 nodes, 6m) of nodes for unit twists of an element's ends.
+
+        Kept as the equilibria of `cut` are.
+        """
+        key = name, *nodes
+        if key not in self._moved:
+            while len(self._moved) >= self._most_cuts:
+                del self._moved[next(iter(self._moved))]
+            cut = self.cut(name).nodes
+            shape = len(self.campaign.poses), 6
+            each = [np.broadcast_to(cut[k], (*shape, cut[k].shape[-1])) for k in nodes]
+            self._moved[key] = np.concatenate(each, axis=1)
+        return self._moved[key]
+
+    @cached_property
+    def _moved(self) -> dict[tuple[str, ...], Array]:
+        return {}
+
+    @cached_property
+    def _rows_of_poses(self) -> Indices | None:
+        return _group_evenly(self.campaign.pose, len(self.campaign.poses))
+
+    @cached_property
+    def _rows_of_distinct(self) -> tuple[Indices | None, ...]:
+        """Representative readings (p, r) of `distinct_readings`, as places among them."""
+        pose = self.campaign.pose
+        count = len(self.campaign.poses)
+        return tuple(
+            _group_evenly(pose[few], count) for few, _ in self.distinct_readings
+        )
+
+    def load_distinct(self, columns: Array, every: tuple[Array, Array]) -> list[Array]:
+        """Return products (n, k) of a pose's columns (p or 1, k, c) and loads (n, c) of readings.
+
+        The loads are those of sense and drive: equal ones of `distinct_readings` are taken once.
+        """
+        pose = self.campaign.pose
+        out: list[Array] = []
+        ways = zip(self.distinct_readings, self._rows_of_distinct, every, strict=True)
+        for (few, which), rows, given in ways:
+            loads = given[few]
+            used = np.flatnonzero(loads.any(axis=0))
+            loads = loads[:, used]
+            at = columns[..., used]
+            if len(at) == 1:
+                found = loads @ at[0].T
+            elif rows is None:
+                found = (at[pose[few]] @ loads[..., None])[..., 0]
+            else:
+                found = np.empty((len(few), at.shape[1]))
+                each = loads[rows] @ np.swapaxes(at, -1, -2)
+                found[rows.ravel()] = each.reshape(found.shape)
+            out.append(found[which])
+        return out
+
+    def multiply_by_pose(self, rates: Array, matrices: Array) -> Array:
+        """Return products (n, m) of a row (n, k) of every reading and its pose's matrix (p, k, m)."""
+        rows = self._rows_of_poses
+        if rows is None:
+            return (rates[:, None] @ matrices[self.campaign.pose])[:, 0]
+        out = np.empty((len(rates), matrices.shape[-1]))
+        out[rows.ravel()] = (rates[rows] @ matrices).reshape(out.shape)
+        return out
+
     @property
     def _most_cuts(self) -> int:
         return max(FEW, _CUTS // len(self.campaign.poses))
@@ -428,6 +493,14 @@ class RobotAtPoses:
             (predictor, np.flatnonzero(np.isin(kind, own)))
             for predictor, own in served.items()
         )
+
+
+def _group_evenly(pose: Indices, count: int) -> Indices | None:
+    """Return the rows (p, r) of each of so many poses if all have as many; else None."""
+    if not len(pose) or len(pose) % count:
+        return None
+    rows = np.argsort(pose, kind="stable").reshape(count, -1)
+    return rows if (pose[rows] == np.arange(count)[:, None]).all() else None
 
 
 def configure_robot(

@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from stiffscope.vjm.model.joints import Law
 
 _SAME_LOAD = 1e-5  # relative difference of equal loads
+_AT_ONCE = 200_000  # most numbers of a product over all readings
 _ZERO_FORCE = 1e-6  # rounding error of zero forces over the largest force
 
 
@@ -296,16 +297,25 @@ class RobotReadings(InstrumentReadings):
         cases
             These terminals.
         """
-        pose = self.campaign.pose
-        out: list[Array] = []
-        pairs = zip(self.at.distinct_readings, (self.sense, self.drive), strict=True)
-        for (few, which), every in pairs:
-            loads = every[few, cases]
-            used = np.flatnonzero(loads.any(axis=0))
-            at = columns[..., used]
-            at = at[pose[few]] if len(at) > 1 else at
-            out.append((at @ loads[:, used, None])[which, :, 0])
-        return out[0], out[1]
+        every = self.sense[:, cases], self.drive[:, cases]
+        sensed, driven = self.at.load_distinct(columns, every)
+        return sensed, driven
+
+    def at_each_load(self, columns: Sequence[Array]) -> list[tuple[Array, Array]]:
+        """Return `at_loads` of many columns (p or 1, k, c), as many at once as fit a cache."""
+        if not columns:
+            return []
+        most = max(1, _AT_ONCE // (len(self.campaign) * columns[0].shape[1]))
+        out: list[tuple[Array, Array]] = []
+        for k in range(0, len(columns), most):
+            some = columns[k : k + most]
+            count = max(map(len, some))
+            wide = [np.broadcast_to(c, (count, *c.shape[1:])) for c in some]
+            pair = self.at_loads(np.concatenate(wide, axis=1))
+            ends = np.cumsum([c.shape[1] for c in some])[:-1]
+            sensed, driven = (np.split(each, ends, axis=1) for each in pair)
+            out += zip(sensed, driven, strict=True)
+        return out
 
     @cached_property
     def motion_rates(self) -> MotionRates:
@@ -320,20 +330,19 @@ class RobotReadings(InstrumentReadings):
         """
         if name not in self._known_end_rates:
             nodes = self.at.cut(name).nodes
+            every = self._node_rates
             # the ground does not move
-            rates = {k: v for k, v in self.motion_rates.nodes.items() if k in nodes}
-            poses = len(self.campaign.poses)
-            moved = np.concatenate(
-                [
-                    np.broadcast_to(nodes[k], (poses, *nodes[k].shape[1:]))
-                    for k in rates
-                ],
-                axis=1,
-            )
-            every = np.hstack(list(rates.values()))
-            out = (every[:, None] @ moved[self.campaign.pose])[:, 0]
+            names = [k for k in self.motion_rates.nodes if k in nodes]
+            if len(names) < len(self.motion_rates.nodes):
+                every = np.hstack([self.motion_rates.nodes[k] for k in names])
+            out = self.at.multiply_by_pose(every, self.at.moved_by(name, names))
             self._known_end_rates[name] = out
         return self._known_end_rates[name]
+
+    @cached_property
+    def _node_rates(self) -> Array:
+        """Derivatives of readings (n, 6 nodes) by twists of all nodes."""
+        return np.hstack(list(self.motion_rates.nodes.values()))
 
     @cached_property
     def _known_end_rates(self) -> dict[str, Array]:
