@@ -85,7 +85,7 @@ class Projection:
 
 
 @dataclass(frozen=True)
-class InstrumentReadings:
+class AbsoluteReadings:
     """Readings of positions and distances for one prediction of the robot."""
 
     setup: InstrumentState
@@ -373,7 +373,7 @@ class Instruments:
 
     def place(
         self, points: Array, turns: Array, start: tuple[InstrumentState, Array]
-    ) -> InstrumentReadings:
+    ) -> AbsoluteReadings:
         """Fit the instruments to one prediction.
 
         Parameters
@@ -392,7 +392,7 @@ class Instruments:
         looks = np.concatenate(
             [direction, np.cross(self._levers(setup, turns), direction)], axis=1
         )
-        return InstrumentReadings(
+        return AbsoluteReadings(
             setup, seen, looks, self.project(columns, start[1]), left
         )
 

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from stiffscope.gap.campaign.kinds.kind import Predictor
     from stiffscope.gap.effects.effect import Knee
-    from stiffscope.gap.forward.instrument_state import InstrumentReadings, Projection
+    from stiffscope.gap.forward.instrument_state import AbsoluteReadings, Projection
     from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
     from stiffscope.runtime.types import Array, Flags, Indices
     from stiffscope.vjm.model.joints import Law
@@ -139,7 +139,7 @@ class RobotReadings(InstrumentReadings):
         return out
 
     @cached_property
-    def placed_instruments(self) -> InstrumentReadings | None:
+    def placed_instruments(self) -> AbsoluteReadings | None:
         """Instruments that read positions and distances; None if there are none."""
         instruments = self.at.instruments
         if not len(instruments.rows):
