@@ -169,7 +169,7 @@ class RobotReadings(InstrumentReadings):
     def shows_second_order(self, rest: Array | None) -> bool:
         """Return whether readings would show the difference of equilibrium and first order.
 
-        rest: what first order leaves (n,), of which it must be a part that counts; None: anything.
+        rest: part of the readings (n,) that the difference must equal in size; None: nothing.
         """
         return shows_second_order(self, self.twist, rest)
 
