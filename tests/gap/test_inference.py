@@ -384,6 +384,34 @@ def test_an_alternative_leaves_what_least_squares_leave(seed):
         assert gap == pytest.approx(100.0 * least, rel=1e-6)
 
 
+@dataclass(frozen=True)
+class EquilibriumModel(LinearModel):
+    """Readings that first order lacks a part of; the equilibria reached have it."""
+
+    second: np.ndarray | None = None
+
+    def find_equilibria(self, _, rest=None):
+        shown = np.linalg.norm(self.second) >= np.linalg.norm(rest)
+        return (
+            replace(self, nominal=self.nominal + self.second, second=0.0 * self.second)
+            if shown and self.second.any()
+            else None
+        )
+
+
+def test_second_order_that_an_effect_imitates_is_not_that_effect():
+    """What another effect would do a little of: first order fits it, equilibria need none."""
+    model = linear_model(np.random.default_rng(6))
+    imitated = 0.03 * model.signatures["effect-3 @ place"][:, 0]
+    facts = {**vars(planted(model, e0=(0.5,), e3=(0.03,))), "second": imitated}
+    curved = EquilibriumModel(**facts)
+    first = conclude(find(planted(model, e0=(0.5,), e3=(0.03,))))
+    assert {e.effect for e in first.effects} == {"effect-0", "effect-3"}
+    found = conclude(find(curved))
+    assert found.verdict == "identified"
+    assert {e.effect for e in found.effects} == {"effect-0"}
+
+
 def test_a_certain_effect_is_not_hidden_by_a_doubtful_one():
     """The second is worth about its prior odds: whatever becomes of it, the first is identified."""
     model = linear_model(np.random.default_rng(6))
