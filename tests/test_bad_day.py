@@ -302,7 +302,9 @@ def test_a_kill_loses_and_leaves_nothing(tmp_path, name, whom):
     assert Bench(tmp_path / "clean", COMMANDS[name]).kill(3, whom)[1] == []
 
 
-@pytest.mark.extended_for("blind-9", "compliance-15", "compliance-2", "compliance-9")
+@pytest.mark.extended_for(
+    "blind-9", "compliance-15", "compliance-2", "compliance-9", "blind-2"
+)
 @pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM, signal.SIGINT])
 @pytest.mark.parametrize("words", [COMPLIANCE, BLIND], ids=lambda words: words[0])

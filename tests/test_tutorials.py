@@ -48,7 +48,7 @@ def kernel(tmp_path_factory):
         manager.shutdown_kernel(now=True)
 
 
-@pytest.mark.extended_for("gauges", "part", "robot")
+@pytest.mark.extended_for("gauges", "part", "robot", "diagnosis")
 @pytest.mark.parametrize("name", sorted(file.stem for file in FOLDER.glob("*.ipynb")))
 def test_tutorials(name, kernel, tmp_path):
     written = nbformat.read(FOLDER / f"{name}.ipynb", 4)

@@ -12,7 +12,6 @@ from stiffscope.cli.output import emit
 from stiffscope.errors import require
 from stiffscope.imports.import_assembly import import_assembly
 from stiffscope.imports.import_model import import_model
-from stiffscope.imports.said import Said
 from stiffscope.imports.show import (
     count_model,
     import_json,
@@ -20,6 +19,7 @@ from stiffscope.imports.show import (
     show_import,
     show_written,
 )
+from stiffscope.imports.user_settings import ImportSettings
 from stiffscope.report.progress import progress
 
 if TYPE_CHECKING:
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from stiffscope.cli.output import Output
 
 
-def _said(name: str, metavar: str, text: str) -> Any:
+def _option_of_names(name: str, metavar: str, text: str) -> Any:
     text = f"Of an assembly, {text}. May be repeated."
     return click.option(f"--{name}", multiple=True, metavar=metavar, help=text)
 
@@ -71,23 +71,23 @@ def _said(name: str, metavar: str, text: str) -> Any:
     click.option(
         "--ground", metavar="NAME", help="Of an assembly, the part that stands still."
     ),
-    _said(
+    _option_of_names(
         "joint",
         '"A/B=KIND"',
         'the joint of two parts: "arm/base=revolute", "arm/cover=none"',
     ),
-    _said(
+    _option_of_names(
         "weld",
         "PATTERN",
         'solids that hold together what they touch, as screws do: "clamp?"',
     ),
-    _said(
+    _option_of_names(
         "part",
         "PATTERN",
         'solids that are parts, though they look like hardware: "shaft?"',
     ),
-    _said("rigid", "PATTERN", 'parts that do not bend: "motor?"'),
-    _said(
+    _option_of_names("rigid", "PATTERN", 'parts that do not bend: "motor?"'),
+    _option_of_names(
         "material",
         '"PATTERN=NAME"',
         'materials of parts or URDF links: "arm?=aluminium-7075"',
@@ -103,7 +103,7 @@ def import_(
     home: Texts,
     loops: Path | None,
     output: Output,
-    **said: Any,
+    **names: Any,
 ) -> None:
     """Convert a URDF or MJCF model, or a STEP assembly, to a robot file.
 
@@ -115,12 +115,12 @@ def import_(
         expected = "none for an assembly, whose home is as it stands"
         require(not home, "--home", expected, "some")
         require(loops is None, "--loops", "a URDF", "an assembly")
-        given = Said(tool=tool, drive=drives, **said)
+        given = ImportSettings(tool=tool, drive=drives, **names)
         with progress(quiet=output.quiet) as open_line:
             imported = import_assembly(model, goal, given, open_line(model.name))
         emit(output, import_json(imported), lambda: show_import(imported))
         return
-    for name, value in said.items():
+    for name, value in names.items():
         fits = not value or name == "material"
         require(fits, f"--{name}", "a STEP assembly", model.name)
     read = import_model(
@@ -129,7 +129,7 @@ def import_(
         drives=drives,
         tool=tool,
         home=home,
-        materials=said["material"],
+        materials=names["material"],
         loops=loops,
     )
     driven = ", ".join(drive.partition("=")[0].strip() for drive in drives) or "none"

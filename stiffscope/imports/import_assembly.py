@@ -36,18 +36,18 @@ from stiffscope.imports.model_tool import choose_coordinates
 from stiffscope.imports.part_estimates import Estimate, estimate_part
 from stiffscope.imports.part_motions import Freedom, tool_motions
 from stiffscope.imports.robot_text import driven, robot_text
-from stiffscope.imports.said import (
-    Said,
-    as_said,
-    match_solids,
-    said_beside,
-    said_of,
-)
 from stiffscope.imports.simulator_model import (
     ModelBody,
     ModelJoint,
     SimulatorModel,
     find_distances,
+)
+from stiffscope.imports.user_settings import (
+    ImportSettings,
+    apply_stated_joints,
+    match_solids,
+    read_settings,
+    settings_beside,
 )
 from stiffscope.robot.file.parse import place_of
 from stiffscope.robot.file.tables import list_some
@@ -99,7 +99,7 @@ class Imported:
 def import_assembly(
     path: str | Path,
     out: str | Path,
-    settings: Said | None = None,
+    settings: ImportSettings | None = None,
     progress: Progress | None = None,
 ) -> Imported:
     """Write a robot file from a STEP assembly, and its elastic parts to a folder named after it.
@@ -119,13 +119,13 @@ def import_assembly(
     path = Path(path)
     out = Path(out)
     earlier = check_place(out)
-    settings = said_beside(path, settings or Said())
+    settings = settings_beside(path, settings or ImportSettings())
     left_out = list[str]()
     solids = read_assembly(path, left_out=left_out)
     return _import(
         path=path,
         out=out,
-        said=settings,
+        settings=settings,
         solids=solids,
         built=(),
         left_out=left_out,
@@ -135,7 +135,7 @@ def import_assembly(
 
 
 def from_assembly(
-    assembly: Any, out: str | Path | None = None, **said: Any
+    assembly: Any, out: str | Path | None = None, **settings: Any
 ) -> Imported:
     """Write a robot file from a build123d assembly, as `stiffscope import` does from a STEP file.
 
@@ -148,8 +148,8 @@ def from_assembly(
         build123d Compound whose children are solids or compounds, each with a label. Lengths in mm.
     out
         Robot file to write, by default named after the assembly's label. Its elastic parts are STEP
-        files in a folder beside it. ``said`` takes precedence over an `assembly.toml` beside it.
-    **said
+        files in a folder beside it. ``settings`` takes precedence over an `assembly.toml` beside it.
+    **settings
         ``ground``, ``tool``: names; ``joint``, ``weld``, ``part``, ``rigid``, ``material``,
         ``drive``: texts as in the command's options, lists of these, or tables such as
         ``material={"*": "steel"}``.
@@ -171,13 +171,13 @@ def from_assembly(
     )
     out = Path(f"{label}.toml" if out is None else out)
     earlier = check_place(out)
-    words = said_beside(out, said_of(said))
+    chosen = settings_beside(out, read_settings(settings))
     left_out = list[str]()
     solids, built = read_built(assembly, label, left_out)
     return _import(
         path=Path(label),
         out=out,
-        said=words,
+        settings=chosen,
         solids=solids,
         built=built,
         left_out=left_out,
@@ -188,7 +188,7 @@ def from_assembly(
 def _import(
     path: Path,
     out: Path,
-    said: Said,
+    settings: ImportSettings,
     solids: Sequence[Instance],
     built: Sequence[BuiltJoint],
     left_out: list[str],
@@ -199,15 +199,15 @@ def _import(
     if progress is not None:
         progress("read", 1.0)
     contacts = find_contacts(solids, progress)
-    roles = dict.fromkeys(match_solids(solids, said.weld, "--weld"), "screw")
-    roles |= dict.fromkeys(match_solids(solids, said.part, "--part"), "part")
+    roles = dict.fromkeys(match_solids(solids, settings.weld, "--weld"), "screw")
+    roles |= dict.fromkeys(match_solids(solids, settings.part, "--part"), "part")
     hardware = find_hardware(solids, contacts, roles)
     joints, doubts = find_joints(solids, contacts, hardware, built)
-    joints, settled = as_said(joints, said.joint, solids, contacts)
+    joints, settled = apply_stated_joints(joints, settings.joint, solids, contacts)
     named = [{solids[n].name for n in pair} for pair in settled]
     doubts = [doubt for doubt in doubts if {*doubt.solids} not in named]
     assembly = _Found(path, solids, hardware, tuple(joints))
-    ground = _choose_ground(assembly, said.ground)
+    ground = _choose_ground(assembly, settings.ground)
     reached = find_distances(assembly.joints, ground)
     loose = {end for joint in assembly.joints for end in joint.ends} - {
         *reached,
@@ -223,13 +223,13 @@ def _import(
         assembly,
         joints=tuple(joint for joint in assembly.joints if joint.first in reached),
     )
-    tool = _choose_tool(assembly, ground, said.tool, reached)
-    model, parts, warnings = _model(path, assembly, ground, tool, said)
+    tool = _choose_tool(assembly, ground, settings.tool, reached)
+    model, parts, warnings = _model(path, assembly, ground, tool, settings)
     doubts = warnings + doubts
     lines = [f"#   - {', '.join(doubt.solids)}: {doubt.text}\n" for doubt in doubts]
     review = "".join([_REVIEW, *lines]) if lines else ""
     head = _HEAD + review.replace("{", "{{").replace("}", "}}")
-    drives = driven(model, said.drive)
+    drives = driven(model, settings.drive)
     text = robot_text(
         model, print_safely(path.name), drives, head, part_lines(parts, out)
     )
@@ -331,7 +331,7 @@ def _find_wanted(
 
 
 def _model(
-    path: Path, assembly: _Found, ground: int, tool: int, settings: Said
+    path: Path, assembly: _Found, ground: int, tool: int, settings: ImportSettings
 ) -> tuple[SimulatorModel, list[PartFile], list[Doubt]]:
     """Return bodies, joints and tool as in a robot file, the elastic parts, and warnings."""
     solids = assembly.solids
@@ -522,7 +522,9 @@ def _softest(
     )
 
 
-def _notes(assembly: _Found, ground: int, tool: int, settings: Said) -> tuple[str, ...]:
+def _notes(
+    assembly: _Found, ground: int, tool: int, settings: ImportSettings
+) -> tuple[str, ...]:
     """Return notes on choices and omissions."""
     solids = assembly.solids
     density = MATERIALS["steel"].density

@@ -21,7 +21,7 @@ from stiffscope.path.course import (
     respond_under,
     tool_error,
 )
-from stiffscope.path.free import choose_free
+from stiffscope.path.free_coordinates import choose_free_coordinates
 from stiffscope.path.job import Job, load_job
 from stiffscope.runtime.workshop import workshop
 from stiffscope.vjm.kinematics.configurations import configure
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from stiffscope.experiments.assembly import Assembled
-    from stiffscope.path.free import Freed
+    from stiffscope.path.free_coordinates import FreeChoice
     from stiffscope.path.toolpath import ToolPath
     from stiffscope.runtime.types import Array, Indices, Progress
     from stiffscope.vjm.kinematics.configurations import Configurations
@@ -67,7 +67,7 @@ class Along(Course):
         Share (n,) of the strain energy by element.
     stations, first
         Indices of points (m,), and first natural frequencies (m,) there, Hz.
-    freed
+    free_choice
         Choice of the free coordinates, if any.
     """
 
@@ -81,7 +81,7 @@ class Along(Course):
     shares: dict[str, Array]
     stations: Indices
     first: Array
-    freed: Freed | None = None
+    free_choice: FreeChoice | None = None
 
     @cached_property
     def parts(self) -> dict[str, Array]:
@@ -143,8 +143,10 @@ def along(
             plan_course(job, assembled, known), assembled, job.path, progress, known
         )
     course = plan_course(job, assembled)
-    freed = choose_free(course, assembled)
-    return replace(predict(freed.course, assembled, freed.path, progress), freed=freed)
+    choice = choose_free_coordinates(course, assembled)
+    return replace(
+        predict(choice.course, assembled, choice.path, progress), free_choice=choice
+    )
 
 
 def predict(

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from stiffscope.path.along import Along, Compensated
-    from stiffscope.path.free import Freed
+    from stiffscope.path.free_coordinates import FreeChoice
     from stiffscope.path.stress import PartStress
     from stiffscope.report.robot_view import Case
     from stiffscope.report.run_report import Draft
@@ -88,9 +88,9 @@ def path_json(
     }
     if state.cutting is not None:
         answer["process"] = vars(state.cutting)
-    if state.freed is not None and section.free is not None:
-        fixed = state.freed.fixed
-        gain = _gain(state.freed, state)
+    if state.free_choice is not None and section.free is not None:
+        fixed = state.free_choice.fixed
+        gain = _gain(state.free_choice, state)
         answer["free"] = {"least": section.free.least, "fixed": fixed, **gain}
     if after is not None:
         left = np.linalg.norm(after.left, axis=1)
@@ -103,10 +103,10 @@ def path_json(
     return answer
 
 
-def _gain(freed: Freed, state: Along) -> dict[str, dict[str, float]]:
+def _gain(choice: FreeChoice, state: Along) -> dict[str, dict[str, float]]:
     """Return greatest and rms error, m, for the best constant and the chosen free coordinates."""
     acting = state.path.acting
-    errors = ("single", freed.before[acting]), ("chosen", freed.error[acting])
+    errors = ("single", choice.before[acting]), ("chosen", choice.error[acting])
     return {
         name: {"greatest": float(each.max()), "rms": _rms(each)}
         for name, each in errors
@@ -147,11 +147,14 @@ def show_path(
         )
         chip = f"{1e3 * cut.chip:.4g} mm; tooth passing {cut.tooth_passing:.4g} Hz"
         facts += [("process", f"{forces}, {cut.power:.4g} W"), ("mean chip", chip)]
-    if state.freed is not None:
-        gain = _gain(state.freed, state).values()
+    if state.free_choice is not None:
+        gain = _gain(state.free_choice, state).values()
         single, chosen = (_two(value["rms"], value["greatest"]) for value in gain)
         facts.append(
-            (f"free: {', '.join(state.freed.values)}", f"{chosen}; held still {single}")
+            (
+                f"free: {', '.join(state.free_choice.values)}",
+                f"{chosen}; held still {single}",
+            )
         )
     known = state.first[np.isfinite(state.first)]
     if known.size:

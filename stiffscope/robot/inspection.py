@@ -129,7 +129,7 @@ def inspect_robot(robot: RobotFile) -> Inspection:
     mechanism = rigid_mechanism(robot)
     mobilities = mobility(mechanism)
     linkage = Linkage(mechanism, "tool")
-    errors = linkage.place_links(np.zeros((linkage.size, 1))).errors
+    errors = linkage.find_link_frames(np.zeros((linkage.size, 1))).errors
     residual = linkage.length * float(np.abs(errors).max(initial=0.0))
     parts = tuple(_part(robot, name) for name in used_parts(robot))
     masses = {

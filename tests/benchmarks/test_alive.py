@@ -55,6 +55,7 @@ def test_other_codes_on_one_mesh(code, part, coarse):
     assert (np.abs(ours - theirs) / scale).max() < 2e-5  # CalculiX prints seven digits
 
 
+@pytest.mark.extended
 def test_a_process_of_a_stored_mesh(coarse, tmp_path):
     np.savez(tmp_path / "mesh.npz", **asdict(coarse))
     found = measured(code="ours", mesh=str(tmp_path / "mesh.npz"), order=2)[
@@ -131,6 +132,7 @@ def test_campaigns_of_a_hexapod_and_of_a_template(tmp_path, monkeypatch, capsys)
     assert "delta, 128 readings, run 2" in capsys.readouterr().out
 
 
+@pytest.mark.extended
 def test_a_campaign_of_the_second_laboratory():
     campaign, planted, nominal = campaign_of("five-bar", 0)
     model = RobotModel(campaign, nominal)
@@ -140,6 +142,7 @@ def test_a_campaign_of_the_second_laboratory():
     }
 
 
+@pytest.mark.extended
 def test_a_humanoid_with_nothing_wrong(tmp_path, monkeypatch):
     monkeypatch.setattr(test_humanoid, "POSES", 60)
     test_humanoid.test_humanoid("nothing wrong", 1, tmp_path)

@@ -62,6 +62,7 @@ def test_help_loads_nothing_heavy():
     assert done.stdout.splitlines()[-1] == "set()"
 
 
+@pytest.mark.extended_for("path")
 @pytest.mark.parametrize("command", ["live", "gap", "path", "statics.command.run"])
 def test_a_command_starts_without_what_only_its_work_needs(command):
     """A page of live stands sooner by the seconds that these take to load."""

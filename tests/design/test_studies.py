@@ -59,6 +59,7 @@ def test_rod_of_least_mass_for_an_axial_stiffness(rod):
     assert len(made.designs) <= 60
 
 
+@pytest.mark.extended
 def test_plate_thickness_under_a_mass_limit(tmp_path):
     one_part(tmp_path, PLATE + BEAM)
     file = _writer(tmp_path)(
@@ -246,6 +247,7 @@ def test_a_study_says_why_nothing_is_feasible(rod, capsys):
     assert "K >= 9.9 N/um: met by none of 5 designs" in told
 
 
+@pytest.mark.extended
 def test_a_study_of_which_every_design_failed_is_refused_beside_its_reasons(
     rod, tmp_path, capsys
 ):
@@ -263,6 +265,7 @@ def test_a_study_of_which_every_design_failed_is_refused_beside_its_reasons(
     assert _guarded(["study", str(file), *share, "--quiet"]) == 0
 
 
+@pytest.mark.extended
 def test_a_study_says_what_ended_on_a_bound_and_whether_it_converged(rod, capsys):
     """The lightest rod above a stiffness that the thinnest has: its radius ends on its lower bound."""
     text = (

@@ -41,6 +41,7 @@ def respond(specimen, mesh, kind="rigid", solver="direct", elasticity=STEEL):
     return supports, couplings, prepared, loads, prepared.solve(loads)
 
 
+@pytest.mark.extended
 def test_the_mesh_is_numbered_as_scikit_fem_numbers_it(stub):
     _, mesh = stub
     assert np.array_equal(mesh.grid.dofs.element_dofs.T, mesh.cells)
@@ -140,7 +141,7 @@ def test_cubic_functions_are_continuous_vanish_at_nodes_and_have_their_derivativ
     assert left == pytest.approx(right, abs=1e-9)
 
 
-@pytest.mark.extended_for("rigid")
+@pytest.mark.extended_for("rigid", "distributed")
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_cubic_solution_is_softer_in_every_direction(stub, kind):
     specimen, mesh = stub

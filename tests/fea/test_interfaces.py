@@ -78,7 +78,7 @@ def test_any_interface_may_be_at_rest():
     assert mass == pytest.approx(weight, abs=2e-3 * np.abs(mass).max())
 
 
-@pytest.mark.extended_for("distributed")
+@pytest.mark.extended_for("distributed", "rigid")
 def test_a_blocks_compliance_is_the_two_ended_experiments(tested):
     """The third interface unloaded: of even tractions it is not there at all; a rigid one stiffens its own face."""
     pair = run_experiment(

@@ -85,6 +85,7 @@ def test_moduli_scale_everything_inversely(stub, plain, factor):
     assert np.allclose(respond(softer, mesh) * factor, plain["rigid"], rtol=1e-8)
 
 
+@pytest.mark.extended
 def test_turned_axes_turn_the_compliance(stub, plain, rng):
     specimen, mesh = stub
     turn, _ = np.linalg.qr(rng.normal(size=(3, 3)))

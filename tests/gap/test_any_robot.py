@@ -84,7 +84,7 @@ def resized(robot, length, stiffness):
     return replace(robot, mechanism=mechanism)
 
 
-@pytest.mark.extended_for("1-3", "3-1", "5-1", "0-1")
+@pytest.mark.extended_for("1-3", "3-1", "5-1", "0-1", "6-1")
 @pytest.mark.parametrize(("number", "seed"), [(0, 1), (1, 3), (3, 1), (5, 1), (6, 1)])
 def test_a_robot_of_another_size_and_stiffness_gets_the_same_answer(number, seed):
     """Loads, readings and noise in proportion: no effect has a favourite size."""
@@ -311,6 +311,7 @@ def test_a_cause_is_reported_in_the_form_that_explains_alone(tmp_path):
     assert size == pytest.approx([2e-5, 2e-5, 0.0], abs=5e-7)
 
 
+@pytest.mark.extended_for("five-bar-link-stiffness-right.outer-size1-spread1")
 @pytest.mark.parametrize(
     ("name", "effect", "place", "size", "spread"),
     [

@@ -102,6 +102,7 @@ def written(folder, columns, rows):
     return folder
 
 
+@pytest.mark.extended
 def test_a_deflection_under_no_load_is_named_and_left_out(tmp_path):
     """Unless it is zero within its noise, or its zero is unknown."""
     loaded = [

@@ -315,6 +315,7 @@ def test_minima_are_those_of_all_combinations_of_bounds():
         )
 
 
+@pytest.mark.extended
 def test_four_effects_are_found_with_shares_that_add_up():
     model = planted(
         linear_model(np.random.default_rng(5)),
@@ -381,6 +382,34 @@ def test_an_alternative_leaves_what_least_squares_leave(seed):
         )
         assert gap <= diagnosis.gap.nominal * (1.0 + 1e-9)
         assert gap == pytest.approx(100.0 * least, rel=1e-6)
+
+
+@dataclass(frozen=True)
+class EquilibriumModel(LinearModel):
+    """Readings that first order lacks a part of; the equilibria reached have it."""
+
+    second: np.ndarray | None = None
+
+    def find_equilibria(self, _, rest=None):
+        shown = np.linalg.norm(self.second) >= np.linalg.norm(rest)
+        return (
+            replace(self, nominal=self.nominal + self.second, second=0.0 * self.second)
+            if shown and self.second.any()
+            else None
+        )
+
+
+def test_second_order_that_an_effect_imitates_is_not_that_effect():
+    """What another effect would do a little of: first order fits it, equilibria need none."""
+    model = linear_model(np.random.default_rng(6))
+    imitated = 0.03 * model.signatures["effect-3 @ place"][:, 0]
+    facts = {**vars(planted(model, e0=(0.5,), e3=(0.03,))), "second": imitated}
+    curved = EquilibriumModel(**facts)
+    first = conclude(find(planted(model, e0=(0.5,), e3=(0.03,))))
+    assert {e.effect for e in first.effects} == {"effect-0", "effect-3"}
+    found = conclude(find(curved))
+    assert found.verdict == "identified"
+    assert {e.effect for e in found.effects} == {"effect-0"}
 
 
 def test_a_certain_effect_is_not_hidden_by_a_doubtful_one():
@@ -1141,6 +1170,7 @@ def test_readings_far_off_under_one_load_at_several_poses_are_no_slips(together)
     assert noise.used.sum() >= len(c) - len(rows)
 
 
+@pytest.mark.extended
 def test_what_is_adopted_is_certain_and_fitted_without_the_rest():
     """Of three effects the third is hardly likelier than not: the others are what least squares say without it."""
     model = linear_model(np.random.default_rng(6), parameters=(1,))

@@ -238,7 +238,7 @@ def test_a_base_turn_is_not_told_from_a_first_zero():
     assert f"encoder-offset @ {first}" not in names
 
 
-@pytest.mark.extended_for("8", "24")
+@pytest.mark.extended_for("8", "24", "3")
 @pytest.mark.parametrize("times", [3, 8, 24])
 def test_a_target_elsewhere_than_stated_is_said_and_blames_no_robot(times):
     """The robot is sound; the first target sits some uncertainties beside its stated place."""

@@ -82,7 +82,9 @@ def fill(folder, plan, machine, rng):
         writer.writerows(rows)
 
 
-@pytest.mark.extended_for("base-compliance-base-parameters0")
+@pytest.mark.extended_for(
+    "base-compliance-base-parameters0", "actuator-stiffness-left.motor-parameters1"
+)
 @pytest.mark.parametrize(
     ("effect", "place", "parameters"),
     [

@@ -183,6 +183,7 @@ def test_readings_are_those_of_separate_equilibria(name):
     assert values == pytest.approx(read(robot, robot.mechanism, c), rel=1e-8, abs=1e-15)
 
 
+@pytest.mark.extended
 @pytest.mark.extended_for("stewart", "delta")
 @pytest.mark.parametrize("name", ROBOTS)
 def test_derivatives_are_those_of_full_reassembly(name):
@@ -227,7 +228,7 @@ def displaces(candidate):
     return any(change.displaces for change in changes.values())
 
 
-@pytest.mark.extended_for("delta")
+@pytest.mark.extended_for("delta", "stewart")
 @pytest.mark.parametrize("name", ROBOTS)
 def test_derivatives_of_displaced_ends_are_those_of_loads_on_the_displaced_robot(name):
     """Weight, loads and gauges move with the nodes that geometric errors displace."""

@@ -86,6 +86,7 @@ def channel(campaign, name, kind=0):
     )
 
 
+@pytest.mark.extended_for("delta-gauges-gauge4")
 @pytest.mark.parametrize(
     ("robot", "style", "name"),
     [("five-bar", "tool", "dx"), ("delta", "gauges", "gauge4")],

@@ -31,7 +31,7 @@ from stiffscope.imports.hardware import find_hardware
 from stiffscope.imports.import_assembly import from_assembly, import_assembly
 from stiffscope.imports.loaded_patches import find_patches
 from stiffscope.imports.part_estimates import estimate_part
-from stiffscope.imports.said import Said, said_beside
+from stiffscope.imports.user_settings import ImportSettings, settings_beside
 from stiffscope.robot.inspection import inspect_robot
 from stiffscope.robot.reader import load_robot
 from stiffscope.runtime.workshop import workshop
@@ -382,7 +382,7 @@ def test_the_tool_is_a_part_that_moves_and_the_settings_are_not_written_over(tmp
     made.buy("pin", assemblies.at(assemblies.rod(5, 36), (0, 0, -20)))
     made.add("peg", assemblies.at(assemblies.screw(3, 10), (-60, 0, 16)))
     made.write(tmp_path / "machine.step")
-    said = Said(material=("*=steel",))
+    said = ImportSettings(material=("*=steel",))
     found = import_assembly(tmp_path / "machine.step", tmp_path / "robot.toml", said)
     assert found.model.tool_body.partition(".")[0] == "arm"
     with pytest.raises(
@@ -398,7 +398,7 @@ def test_an_import_runs_and_keeps_what_is_said(tmp_path):
     (tmp_path / "assembly.toml").write_text(
         'ground = "foot"\nmaterial = { "*" = "steel" }\n'
     )
-    said = Said(
+    said = ImportSettings(
         tool="coupler_left", rigid=("frame",), drive=("frame/crank*=9 kN*m/rad",)
     )
     found = import_assembly(tmp_path / "machine.step", tmp_path / "robot.toml", said)
@@ -527,7 +527,7 @@ def test_what_is_no_assembly_of_build123d_is_refused(given, message, tmp_path):
 def test_a_new_export_says_what_changed(tmp_path):
     made = assemblies.lever()
     out = tmp_path / "robot.toml"
-    said = Said(material=("*=steel",), ground="Platte")
+    said = ImportSettings(material=("*=steel",), ground="Platte")
     made.write(tmp_path / "machine.step")
     found = import_assembly(tmp_path / "machine.step", out, said)
     assert found.changes is None
@@ -568,22 +568,28 @@ def test_a_new_export_says_what_changed(tmp_path):
 @pytest.mark.parametrize(
     ("said", "message"),
     [
-        (Said(), r"machine\.step: expected a material for finger, pad, got none"),
-        (Said(material=("*=wood",)), r"--material \*=wood: expected PATTERN=NAME"),
         (
-            Said(material=("*=steel",), joint=("palm/pad=revolute",)),
+            ImportSettings(),
+            r"machine\.step: expected a material for finger, pad, got none",
+        ),
+        (
+            ImportSettings(material=("*=wood",)),
+            r"--material \*=wood: expected PATTERN=NAME",
+        ),
+        (
+            ImportSettings(material=("*=steel",), joint=("palm/pad=revolute",)),
             "expected two solids that touch",
         ),
         (
-            Said(material=("*=steel",), joint=("palm/finger=welded",)),
+            ImportSettings(material=("*=steel",), joint=("palm/finger=welded",)),
             r"expected A/B=KIND",
         ),
         (
-            Said(material=("*=steel",), ground="bed"),
+            ImportSettings(material=("*=steel",), ground="bed"),
             "--ground bed: expected the name of a solid",
         ),
         (
-            Said(material=("*=steel",), joint=("pa*/arm*=fixed",)),
+            ImportSettings(material=("*=steel",), joint=("pa*/arm*=fixed",)),
             r"--joint pa\*/arm\*=fixed: solid arm\*: expected",
         ),
     ],
@@ -652,7 +658,7 @@ def test_files_that_are_no_whole_machine_are_refused(case, tmp_path):
         import_assembly(
             tmp_path / "machine.step",
             tmp_path / "robot.toml",
-            Said(material=("*=steel",)),
+            ImportSettings(material=("*=steel",)),
         )
     assert "\n" not in str(told.value)
 
@@ -810,7 +816,7 @@ def test_an_assembly_toml_that_is_no_toml_is_refused_with_its_line(
 ):
     (tmp_path / "assembly.toml").write_bytes(text)
     with pytest.raises(InputError, match=message):
-        said_beside(tmp_path / "machine.step", Said())
+        settings_beside(tmp_path / "machine.step", ImportSettings())
 
 
 def test_what_an_assembly_has_beside_its_solids_is_told(tmp_path):
@@ -820,7 +826,7 @@ def test_what_an_assembly_has_beside_its_solids_is_told(tmp_path):
     found = import_assembly(
         tmp_path / "machine.step",
         tmp_path / "robot.toml",
-        Said(material=("*=steel",), ground="Platte"),
+        ImportSettings(material=("*=steel",), ground="Platte"),
     )
     assert any(
         "the same solid twice in one place" in doubt.text for doubt in found.doubts
@@ -886,7 +892,7 @@ def gantry(tmp_path_factory):
     """The gantry as imported, without further words."""
     folder = tmp_path_factory.mktemp("gantry")
     assemblies.gantry().write(folder / "gantry.step")
-    said = Said(ground="base", tool="head", material=("*=steel",))
+    said = ImportSettings(ground="base", tool="head", material=("*=steel",))
     return import_assembly(folder / "gantry.step", folder / "gantry.toml", said)
 
 

@@ -11,7 +11,7 @@ from examples.assembly import five_bar as example
 from stiffscope.experiments.assembly import assemble_robots
 from stiffscope.experiments.orders import order_part
 from stiffscope.imports.import_assembly import import_assembly
-from stiffscope.imports.said import Said
+from stiffscope.imports.user_settings import ImportSettings
 from stiffscope.robot.mechanism_of import mechanism_of
 from stiffscope.robot.part_matrices import part_matrices
 from stiffscope.robot.reader import load_robot
@@ -115,7 +115,7 @@ def by_hand():
 def test_the_stiffness_of_an_assembly_is_that_of_a_file_by_hand(tmp_path):
     """The same faces are chosen; with the same matrices of the parts both robots have the same stiffness."""
     assemblies.five_bar().write(tmp_path / "machine.step")
-    said = Said(
+    said = ImportSettings(
         ground="foot",
         tool="coupler_left",
         material=("*=steel",),

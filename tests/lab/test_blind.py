@@ -322,7 +322,16 @@ def test_what_is_drawn_shows_beside_whatever_the_others_do(number, style, labs):
         assert np.linalg.norm(left) > 7.5
 
 
-@pytest.mark.extended_for("tool-biglide", "tool-orthoglide", "tool-stewart")
+@pytest.mark.extended_for(
+    "tool-biglide",
+    "tool-orthoglide",
+    "tool-stewart",
+    "tracker-delta",
+    "gauges-orthoglide",
+    "gauges-stewart",
+    "tracker-orthoglide",
+    "tracker-stewart",
+)
 @pytest.mark.parametrize("name", ["five-bar", *SLOWER])
 @pytest.mark.parametrize("style", ["tool", "gauges", "tracker"])
 def test_the_laboratory_plants_whatever_the_model_has_a_share_for(
@@ -542,6 +551,7 @@ def test_an_answer_is_right_where_each_true_effect_is_in_a_group_of_its_own():
     assert stated == ((0.99, True), (0.4, True), (0.2, False))
 
 
+@pytest.mark.extended
 def test_a_longer_rail_is_imitated_by_its_drives_and_cross_talk_by_nothing():
     lab = Lab(blind_robot("biglide", "published"), 12)
 
@@ -574,6 +584,7 @@ def read_in_the_laboratory(robot, fault, folder, lab, style="tool"):
     return RobotModel(load_campaign(folder), lab.robot.nominal), change
 
 
+@pytest.mark.extended_for("biglide-platform")
 @pytest.mark.parametrize(
     ("robot", "body"), [("biglide", "platform"), ("delta", "platform")]
 )
@@ -696,6 +707,7 @@ def test_patterns_follow_what_the_laboratory_reads(
     assert np.linalg.norm(change - columns @ values) < left * np.linalg.norm(change)
 
 
+@pytest.mark.extended
 def test_many_patterns_leave_outliers_to_be_seen(labs, tmp_path):
     lab = labs("orthoglide")
     machine, plan, located, rng = prepare_case(
@@ -730,6 +742,7 @@ def test_the_signature_of_backlash_is_what_the_laboratory_reads(
     assert change == pytest.approx(column, abs=1e-3 * np.abs(change).max() + 1e-6)
 
 
+@pytest.mark.extended
 def test_a_joint_that_yields_in_proportion_does_not_stiffen(labs, tmp_path):
     lab = labs("five-bar")
     case = BlindCase(
@@ -794,7 +807,11 @@ def test_play_in_a_passive_joint_is_no_backlash_of_a_drive(labs, tmp_path):
     assert any("play at wrist" in remark for remark in found.remarks)
 
 
-@pytest.mark.extended_for("stewart-fault0-strut5.drive", "stewart-fault1-strut5.drive")
+@pytest.mark.extended_for(
+    "stewart-fault0-strut5.drive",
+    "stewart-fault1-strut5.drive",
+    "orthoglide-fault2-legz.motor",
+)
 @pytest.mark.parametrize(
     ("robot", "fault", "drive"),
     [
@@ -843,6 +860,7 @@ def test_play_that_reads_as_backlash_of_a_drive_is_said_to_be_either(
     assert len(said) == 1
 
 
+@pytest.mark.extended
 def test_an_offset_that_only_a_heavy_mass_would_bring_is_an_offset(labs, tmp_path):
     """On its inclined rail a cart with 56 kg more would stand as far off: these were one effect, and not plausible."""
     lab = labs(LINEAR_DELTA)

@@ -28,6 +28,7 @@ def test_the_bundled_file_is_that_of_the_laboratory(tmp_path):
         assert ours.receptance == pytest.approx(theirs.receptance, abs=1e-6 * size)
 
 
+@pytest.mark.extended
 def test_the_withheld_cause_is_found():
     assert "knock" in campaign_names()
     found = diagnose("knock")

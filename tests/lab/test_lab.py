@@ -147,7 +147,7 @@ def poses_of(sound, count=5, seed=1):
     return default_plan(sound, np.random.default_rng(seed), poses=count).poses
 
 
-@pytest.mark.extended_for("delta", "orthoglide")
+@pytest.mark.extended_for("delta", "orthoglide", "stewart", "biglide")
 @pytest.mark.parametrize("name", ROBOTS)
 def test_stiffness_and_sag_are_those_of_the_mechanism_engine(name):
     """Two independent mechanics: loops closed and stiffness assembled otherwise, from the same file and matrices."""
@@ -314,6 +314,7 @@ def test_mirrored_machine_answers_mirrored():
     assert np.allclose(moved, mirrored @ MIRROR, rtol=1e-7, atol=1e-12)
 
 
+@pytest.mark.extended_for("orthoglide")
 @pytest.mark.parametrize("name", ROBOTS)
 def test_compliance_is_symmetric_and_positive(name):
     sound = machine(name)
@@ -333,6 +334,7 @@ def test_more_compliance_only_softens(effect):
     assert excess.max() > 0
 
 
+@pytest.mark.extended
 def test_every_word_and_every_fault_can_be_planted_and_seen():
     # the Biglide states no springs, and readings under loads show no sensor of a hammer test
     here = {*KNOWN, *OUTSIDE} - {"joint-stiffness", "sensor-mass", "response-gain"}

@@ -161,6 +161,7 @@ def test_the_force_of_a_material_is_linearized_at_the_chip_of_the_process(tmp_pa
     assert found.cut.stiffness == pytest.approx(slope, rel=1e-5)
 
 
+@pytest.mark.extended
 def test_levers_are_derivatives_of_the_limit(arm):
     job, made = arm
     stretch = stretch_of(job, made)

@@ -308,7 +308,7 @@ def test_a_free_turn_is_nowhere_worse_than_the_best_of_72_fixed_ones_and_smooth(
     with np.errstate(invalid="ignore"):
         fixed = [error(turn) for turn in np.deg2rad(np.arange(-100.0, 101.0, 5.0))]
     best = min((each for each in fixed if np.isfinite(each).all()), key=np.max)
-    turns = found.freed.values["spindle"]
+    turns = found.free_choice.values["spindle"]
     chosen = error(turns)
     np.testing.assert_allclose(
         np.abs(found.parts["normal"]), chosen, rtol=1e-6, atol=1e-10
@@ -323,6 +323,7 @@ def test_a_free_turn_is_nowhere_worse_than_the_best_of_72_fixed_ones_and_smooth(
     assert np.abs(after.left).max() < 1e-8 * found.size.max()
 
 
+@pytest.mark.extended
 def test_no_fixed_turn_of_a_six_axis_arm_is_better_anywhere_than_the_one_that_is_chosen(
     tmp_path,
 ):
@@ -375,11 +376,13 @@ def test_no_fixed_turn_of_a_six_axis_arm_is_better_anywhere_than_the_one_that_is
         )
         fixed += list(error[~jumps, :, 0])
     best = min(fixed, key=np.max)
-    assert (found.freed.error <= best * (1 + 1e-5)).all()
+    assert (found.free_choice.error <= best * (1 + 1e-5)).all()
     np.testing.assert_allclose(
-        np.abs(found.parts["normal"]), found.freed.error, rtol=1e-9
+        np.abs(found.parts["normal"]), found.free_choice.error, rtol=1e-9
     )
-    assert np.abs(np.diff(found.freed.values["spindle"], 2)).max() < np.deg2rad(4.0)
+    assert np.abs(np.diff(found.free_choice.values["spindle"], 2)).max() < np.deg2rad(
+        4.0
+    )
 
 
 def test_a_turntable_turns_path_and_forces_with_the_workpiece():

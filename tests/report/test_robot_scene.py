@@ -216,6 +216,7 @@ def test_a_process_that_is_ready_ahead_draws_the_same_picture(delta, tmp_path):
     assert (tmp_path / "ahead.png").read_bytes() == (tmp_path / "now.png").read_bytes()
 
 
+@pytest.mark.extended
 @pytest.mark.usefixtures("drawn_anew")
 def test_a_process_that_fails_says_why_and_one_that_is_not_asked_ends(tmp_path):
     with (
@@ -229,6 +230,7 @@ def test_a_process_that_fails_says_why_and_one_that_is_not_asked_ends(tmp_path):
     assert psutil.Process().children() == others
 
 
+@pytest.mark.extended
 @pytest.mark.usefixtures("drawn_anew")
 def test_a_process_that_is_killed_is_not_taken_for_missing_graphics(delta, tmp_path):
     robot, mechanism, there = delta

@@ -354,6 +354,7 @@ def test_deflection_below_its_bound_is_zero(capsys):
     assert row.split() == ["Q", "0", "0", "8", "0", "0", "0.2"]
 
 
+@pytest.mark.extended_for("ascii")
 @pytest.mark.parametrize(
     "encoding",
     [

@@ -151,6 +151,7 @@ def derivative(name, key, value, override):
     )
 
 
+@pytest.mark.extended_for("stewart")
 @pytest.mark.parametrize("name", robot_names())
 def test_what_can_be_varied_can_be_set(name):
     """Every number that a sensitivity lists, by its name there, as `--set` takes it."""
@@ -183,6 +184,7 @@ def test_a_constant_of_a_built_in_material_is_set_alone(tmp_path):
         load_robot("stewart", ["materials.steel.stiffness=1"])
 
 
+@pytest.mark.extended
 def test_derivatives_of_parts_reach_the_robot_as_the_parts_themselves_would():
     """Beam theory handed over as experiments and derivatives gives what beam theory gives in closed form."""
     overrides = ["slider.mass=cad", "link.mass=cad"]

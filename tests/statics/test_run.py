@@ -163,6 +163,7 @@ def test_beam_theory_is_beside_the_own_shape_alone(tmp_path, capsys, solid):
     assert ("No comparison with beam theory" in shown) != own
 
 
+@pytest.mark.extended
 def test_what_yields_most_under_a_push_stands_first(tmp_path, capsys):
     """Two blocks in a row, 3 and 1 um/N along x, y and z: three quarters are of the second one."""
     lines = ['name = "row"']

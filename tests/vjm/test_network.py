@@ -486,6 +486,7 @@ def test_wrenches_carry_the_offsets_through_indeterminate_loops():
         assert np.allclose(ours[0, :, 0], wrench, rtol=0.0, atol=1e-8 * largest), name
 
 
+@pytest.mark.extended
 def test_every_run_condenses_in_the_same_order():
     """Whatever the seed of Python's hashes: else the last digits of a result change from run to run."""
     code = (

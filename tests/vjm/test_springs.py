@@ -68,6 +68,7 @@ def test_stiffness_and_frequencies_of_a_flexure_hexapod_are_those_of_dense_model
     assert sum(shares.values()) == pytest.approx(1.0, abs=1e-9)
 
 
+@pytest.mark.extended
 def test_springs_away_from_rest_load_the_hexapod_as_its_potential_energy_says():
     m = flexures(2000.0, 100.0)
     pose = POSES[1]

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from stiffscope.vjm.kinematics.linkage import Linkage, Placed
+    from stiffscope.vjm.kinematics.linkage import Linkage, LinkFrames
     from stiffscope.vjm.model.joints import Joint
     from stiffscope.vjm.model.screws import Array
 
@@ -51,7 +51,7 @@ class Solution:
 
     q: Array
     closed: NDArray[np.bool_]
-    placed: Placed
+    placed: LinkFrames
     error: Array  # (rows, n): error of every equation
     factors: Factors | None
 
@@ -207,7 +207,7 @@ class Closure:
         size = np.full(n, np.nan)
         with np.errstate(all="ignore"):
             for count in range(steps + 1):
-                placed = linkage.place_links(q)
+                placed = linkage.find_link_frames(q)
                 errors = placed.errors
                 most = np.abs(errors).max(axis=0, initial=0.0)
                 going = most >= _ENOUGH if patient else (most >= _ENOUGH) & trusted
@@ -220,7 +220,9 @@ class Closure:
                     errors[:, going] = late.error
                     closed = (most < CLOSED) & trusted
                     closed[going] = late.closed & trusted[going]
-                    return Solution(q, closed, linkage.place_links(q), errors, factors)
+                    return Solution(
+                        q, closed, linkage.find_link_frames(q), errors, factors
+                    )
                 still = np.count_nonzero(size < _STILL) >= (1.0 - _STRAGGLERS) * n
                 if factors is None or count != 1 or not still:
                     factors = self.factorize(placed)
@@ -242,7 +244,7 @@ class Closure:
         closed = (most < CLOSED) & trusted  # pyright: ignore[reportPossiblyUnboundVariable]
         return Solution(q, closed, placed, errors, factors)  # pyright: ignore[reportPossiblyUnboundVariable]
 
-    def factorize(self, placed: Placed) -> Factors:
+    def factorize(self, placed: LinkFrames) -> Factors:
         """Factorize the derivatives of the ranked equations."""
         look = placed.look
         if look:
@@ -265,7 +267,7 @@ class Closure:
         return SparseFactors(self, self._eliminate(self._entries(placed, wrenches)))
 
     def _entries(
-        self, placed: Placed, wrenches: list[Array]
+        self, placed: LinkFrames, wrenches: list[Array]
     ) -> dict[tuple[int, int], Array]:
         """Return entries (n,) of the derivatives in elimination order, unknowns first."""
         entries: dict[tuple[int, int], Array] = {}
@@ -293,7 +295,7 @@ class Closure:
                     )
         return a
 
-    def rates(self, placed: Placed, factors: Factors | None = None) -> Array:
+    def rates(self, placed: LinkFrames, factors: Factors | None = None) -> Array:
         """Return rates (m, k, n) of coordinates per known one; ``factors`` may be from nearby."""
         linkage = self.linkage
         out = np.zeros((linkage.size, len(linkage.known), placed.q.shape[1]))

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike, NDArray
 
     from stiffscope.vjm.kinematics.continuation import Followed, Solver
-    from stiffscope.vjm.kinematics.linkage import Given, Linkage, Placed
+    from stiffscope.vjm.kinematics.linkage import Given, Linkage, LinkFrames
     from stiffscope.vjm.model.joints import Joint
     from stiffscope.vjm.model.screws import Array
 
@@ -89,19 +89,19 @@ class Configurations:
         )
 
     @cached_property
-    def placed_links(self) -> Placed:
+    def link_frames(self) -> LinkFrames:
         """Links at their places."""
-        return self.linkage.place_links(self.q)
+        return self.linkage.find_link_frames(self.q)
 
     def link_frame(self, link: int) -> tuple[Array, Array]:
         """Displacement of a rigid link from home: rotation (n or 1, 3, 3), position (n or 1, 3)."""
-        look = self.placed_links.look
+        look = self.link_frames.look
         if look is not None:
             return look.frames[:, link, :3, :3], look.frames[:, link, :3, 3]
         rotation = np.ascontiguousarray(
-            self.placed_links.rotation[link].transpose(2, 0, 1)
+            self.link_frames.rotation[link].transpose(2, 0, 1)
         )
-        return rotation, np.ascontiguousarray(self.placed_links.position[link].T)
+        return rotation, np.ascontiguousarray(self.link_frames.position[link].T)
 
     def frame(self, node: str) -> tuple[Array, Array]:
         """Return the rotation (n, 3, 3) and position (n, 3) of a node.
@@ -121,7 +121,7 @@ class Configurations:
     def coordinates(self, joint: str) -> Array:
         """Return a joint's displacements (n, f) from home, rad and m, by free motion."""
         return self.linkage.coordinates(
-            self.mechanism.joint(joint), self.q, self.placed_links
+            self.mechanism.joint(joint), self.q, self.link_frames
         )
 
     @property
@@ -280,7 +280,8 @@ def learn_configurations(
             again.failure == RANGE, REACHED, again.failure
         )
         return _configurations(
-            solver, replace(solution, placed=solver.linkage.place_links(solution.q))
+            solver,
+            replace(solution, placed=solver.linkage.find_link_frames(solution.q)),
         )
 
     return find
@@ -397,7 +398,7 @@ def _configurations(solver: Solver, followed: Followed) -> Configurations:
         failure=failure,
         culprit=culprit,
     )
-    out.__dict__["placed_links"] = placed
+    out.__dict__["link_frames"] = placed
     _refuse_beyond(out, *solver.ranges, _SLACK)
     return out
 

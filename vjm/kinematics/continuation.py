@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from stiffscope.vjm.kinematics.closure import Factors
-    from stiffscope.vjm.kinematics.linkage import Given, Placed
+    from stiffscope.vjm.kinematics.linkage import Given, LinkFrames
     from stiffscope.vjm.model.joints import Joint
     from stiffscope.vjm.model.mechanism import Mechanism
     from stiffscope.vjm.model.screws import Array
@@ -116,7 +116,7 @@ def find_solver(mechanism: Mechanism, given: Given) -> Solver:
                     "others; [] is the one pose of what cannot move"
                 )
             start, displaced = regular
-        placed = linkage.place_links(start[:, None])
+        placed = linkage.find_link_frames(start[:, None])
         closure = Closure(linkage, start)
         rates = closure.rates(placed)
         bends = _differentiate_rates(closure, start, rates)
@@ -136,8 +136,8 @@ def _differentiate_rates(closure: Closure, start: Array, rates: Array) -> Array:
         return np.zeros((linkage.size, 0, 0))
     step = _STEP * linkage.scale[linkage.known]
     ahead, behind = (start[:, None] + rates[..., 0] * way for way in (step, -step))
-    change = closure.rates(linkage.place_links(ahead)) - closure.rates(
-        linkage.place_links(behind)
+    change = closure.rates(linkage.find_link_frames(ahead)) - closure.rates(
+        linkage.find_link_frames(behind)
     )
     return np.nan_to_num(0.5 * change / step)
 
@@ -198,7 +198,7 @@ def _transfer(source: Linkage, target: Linkage, followed: Followed) -> Array:
     return q
 
 
-def drive_sign(solver: Solver, placed: Placed, rates: Array) -> Array:
+def drive_sign(solver: Solver, placed: LinkFrames, rates: Array) -> Array:
     """Return the sign (n,) of det(drive rates by commanded coordinates); 0 if not square.
 
     Parameters
@@ -243,7 +243,7 @@ class Followed:
     """Path ends ``q`` (m, n), the links there, and ``failure`` (n,): REACHED, OPEN or BRANCH."""
 
     q: Array
-    placed: Placed
+    placed: LinkFrames
     failure: NDArray[np.int8]
 
 
@@ -263,7 +263,7 @@ def follow_paths(solver: Solver, values: Array, size: int) -> Iterator[Followed]
         for first in range(0, max(len(values), 1), size):
             count = len(values[first : first + size])
             q = np.repeat(solver.start[:, None], count, axis=1)
-            placed = solver.linkage.place_links(q)
+            placed = solver.linkage.find_link_frames(q)
             yield Followed(q, placed, np.zeros(count, dtype=np.int8))
         return
     if len(values) <= _FEW:
@@ -326,7 +326,7 @@ class KnownConfigurations:
                 self.near = _NEIGHBOURS * float(np.median(spacing[:, 1]))
         if placed is None or not done.all():
             self._follow(values, q, done)
-            placed = linkage.place_links(q)
+            placed = linkage.find_link_frames(q)
             factors = None
         failure[~done] = OPEN
         crossed = self._find_crossed(placed, factors) & done & ~home
@@ -336,9 +336,9 @@ class KnownConfigurations:
             reached, at = self._walk(first, values[again], _SHORTEST, _CAREFUL)
             again = again[reached]
             at = at[:, reached]
-            crossed[again] = self._find_crossed(linkage.place_links(at))
+            crossed[again] = self._find_crossed(linkage.find_link_frames(at))
             q[:, again] = at
-            placed = linkage.place_links(q)
+            placed = linkage.find_link_frames(q)
         failure[crossed] = BRANCH
         return Followed(q, placed, failure)
 
@@ -364,7 +364,7 @@ class KnownConfigurations:
         self.q = np.concatenate([self.q, q[:, index]], axis=1)
 
     def _find_crossed(
-        self, placed: Placed, factors: Factors | None = None
+        self, placed: LinkFrames, factors: Factors | None = None
     ) -> NDArray[np.bool_]:
         """Return which configurations (n,) lie beyond a singularity of the drive rates."""
         solver = self.solver

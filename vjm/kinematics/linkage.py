@@ -32,7 +32,7 @@ TOOL_MOTIONS = (*((("P", axis)) for axis in np.eye(3)), ("S", np.zeros(3)))
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class LinkFrames:
     """Links at n configurations ``q`` (m, n), placed one by one or, for few poses, all at once.
 
     Here and in the loop closure the poses are the last axis, elsewhere the first.
@@ -210,10 +210,10 @@ class Linkage:
         drives = [j for j in self.mechanism.drives if j.name in self.columns]
         return [self.columns[j.name][j.driven or 0] for j in drives]
 
-    def place_links(self, q: Array) -> Placed:
+    def find_link_frames(self, q: Array) -> LinkFrames:
         """Place links at coordinates (m, n)."""
         if q.shape[1] <= FEW:
-            return Placed(q, self, ([], []), self.table.look(q))
+            return LinkFrames(q, self, ([], []), self.table.look(q))
         rotation: list[Array] = [np.eye(3)[..., None]] * self.frames
         position: list[Array] = [np.zeros((3, 1))] * self.frames
         for m in self.motions:
@@ -234,7 +234,7 @@ class Linkage:
                 p_out = p + m.point @ (r - r_out)
             rotation[m.child] = r_out
             position[m.child] = p_out
-        return Placed(q, self, (rotation, position))
+        return LinkFrames(q, self, (rotation, position))
 
     @cached_property
     def table(self) -> Table:
@@ -248,7 +248,7 @@ class Linkage:
             int(np.searchsorted(self.starts, row, side="right")) - 1
         ].joint.name
 
-    def find_errors(self, cut: Cut, placed: Placed, out: Array) -> None:
+    def find_errors(self, cut: Cut, placed: LinkFrames, out: Array) -> None:
         """Write the errors (h, n) of a cut joint into ``out``."""
         joint = cut.joint
         held, turns = joint.held_components
@@ -274,7 +274,7 @@ class Linkage:
                 twice = axes[:, j] * second_axes[:, i] - axes[:, i] * second_axes[:, j]
                 out[row] = 0.5 * twice.sum(axis=0)
 
-    def wrenches(self, cut: Cut, rows: Sequence[int], placed: Placed) -> Array:
+    def wrenches(self, cut: Cut, rows: Sequence[int], placed: LinkFrames) -> Array:
         """Return wrenches (6, rows, n or 1) on the second link that measure some errors.
 
         At the origin in base axes; a wrench times a twist is the rate of its error.
@@ -307,7 +307,7 @@ class Linkage:
             out[3:, count:] = np.matmul(joint.axes.T[moments], carrier)
         return out
 
-    def coordinates(self, joint: Joint, q: Array, placed: Placed) -> Array:
+    def coordinates(self, joint: Joint, q: Array, placed: LinkFrames) -> Array:
         """Return a joint's coordinates (n, f), rad and m, in order, from all coordinates (m, n)."""
         if joint.name in self.columns:
             return q[self.columns[joint.name]].T

@@ -142,7 +142,7 @@ class ForwardModel(Protocol):
     ) -> ForwardModel | None:
         """Return the model at the equilibria reached with these effects, if readings show them.
 
-        rest: what the effects leave (n,), which must be of the size of the difference.
+        rest: part of the readings (n,), in their units, that the difference must equal in size.
         """
         ...
 

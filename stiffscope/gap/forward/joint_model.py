@@ -187,7 +187,7 @@ class JointModel:
     ) -> JointModel | None:
         """Return the model at the equilibria reached with these effects, if readings show them.
 
-        rest: what the effects leave (n,), of readings first.
+        rest: part of the readings (n,) that the difference must equal in size, static ones first.
         """
         count = len(self.readings.campaign)
         if not count:

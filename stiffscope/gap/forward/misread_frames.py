@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from stiffscope.gap.campaign.extremes import measure_robot
-from stiffscope.gap.forward.setup import Instruments
+from stiffscope.gap.forward.instrument_state import Instruments
 
 if TYPE_CHECKING:
     from collections.abc import Iterator

@@ -21,7 +21,7 @@ from stiffscope.gap.campaign.quantities import AXES, JOINT
 from stiffscope.gap.effects.effect import find_length
 from stiffscope.gap.effects.elements import along_drive, without_ranges
 from stiffscope.gap.forward.inner_points import inner_point
-from stiffscope.gap.forward.setup import Instruments
+from stiffscope.gap.forward.instrument_state import Instruments
 from stiffscope.gap.forward.terminals import (
     Push,
     push_payload,
@@ -54,7 +54,7 @@ if TYPE_CHECKING:
     from stiffscope.gap.campaign.campaign import Campaign, Sensor
     from stiffscope.gap.campaign.kinds.kind import Predictor
     from stiffscope.gap.effects.effect import Effect, Payload
-    from stiffscope.gap.forward.setup import Setup
+    from stiffscope.gap.forward.instrument_state import InstrumentState
     from stiffscope.gap.forward.steps import Steps
     from stiffscope.robot.nominal import NominalRobot
     from stiffscope.runtime.types import Array, Flags, Indices
@@ -293,7 +293,7 @@ class RobotAtPoses:
         return Instruments(self.campaign)
 
     @cached_property
-    def instruments_start(self) -> tuple[Setup, Array]:
+    def instruments_start(self) -> tuple[InstrumentState, Array]:
         """Instruments fitted to the rigid robot as commanded, and the weights of the readings."""
         return self.instruments.start(*self.targets(self.rest))
 

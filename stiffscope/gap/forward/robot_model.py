@@ -136,7 +136,7 @@ class RobotModel:
     ) -> RobotModel | None:
         """Return the model at the equilibria reached; None where first order is as good, or is so already.
 
-        rest: what the effects leave (n,), in the readings' units, if it must be of that size.
+        rest: part of the readings (n,), in their units, that second order must equal in size.
         """
         if self.exact:
             return None

@@ -33,8 +33,8 @@ if TYPE_CHECKING:
 
     from stiffscope.gap.campaign.kinds.kind import Predictor
     from stiffscope.gap.effects.effect import Knee
+    from stiffscope.gap.forward.instrument_state import AbsoluteReadings, Projection
     from stiffscope.gap.forward.robot_at_poses import RobotAtPoses
-    from stiffscope.gap.forward.setup import Placed, Projection
     from stiffscope.runtime.types import Array, Flags, Indices
     from stiffscope.vjm.model.joints import Law
 
@@ -139,7 +139,7 @@ class RobotReadings(InstrumentReadings):
         return out
 
     @cached_property
-    def placed_instruments(self) -> Placed | None:
+    def placed_instruments(self) -> AbsoluteReadings | None:
         """Instruments that read positions and distances; None if there are none."""
         instruments = self.at.instruments
         if not len(instruments.rows):
@@ -169,7 +169,7 @@ class RobotReadings(InstrumentReadings):
     def shows_second_order(self, rest: Array | None) -> bool:
         """Return whether readings would show the difference of equilibrium and first order.
 
-        rest: what first order leaves (n,), of which it must be a part that counts; None: anything.
+        rest: part of the readings (n,) that the difference must equal in size; None: nothing.
         """
         return shows_second_order(self, self.twist, rest)
 

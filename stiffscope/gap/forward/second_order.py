@@ -35,9 +35,6 @@ class SecondOrderSettings:
     visible: float = 1.0
     """Standard deviations: largest estimated second order of a campaign's readings beyond which
     equilibria are found; below, it adds less than `lack_of_fit.MODEL_NOISE` allows to the noise."""
-    comparable: float = 0.1
-    """Rms of that estimate over the rest that first order leaves, below which another cause leaves
-    it; equilibria would take ten times as long and leave the rest as it is."""
     slight: float = 0.1
     """Standard deviations: estimate below which a single reading is left at first order; it adds
     half a percent to the reading's scatter."""
@@ -77,9 +74,9 @@ def find_second_order(readings: RobotReadings, linear: Array) -> Array:
 def shows_second_order(
     readings: RobotReadings, motions: Array, rest: Array | None = None
 ) -> bool:
-    """Return whether readings would show the second order of motions (n, 6), and a rest may be that.
+    """Return whether readings would show the second order of motions (n, 6), and as much as a rest.
 
-    rest: what first order leaves (n,), in the readings' units; None: anything.
+    rest: part of the readings (n,), in their units, that the second order must equal; None: nothing.
     """
     estimate = _estimate(readings, motions)
     if not estimate.max(initial=0.0) > SETTINGS.visible:
@@ -87,7 +84,7 @@ def shows_second_order(
     if rest is None:
         return True
     left = float(np.linalg.norm(rest / readings.expected_noise))
-    return float(np.linalg.norm(estimate)) >= SETTINGS.comparable * left
+    return float(np.linalg.norm(estimate)) >= left
 
 
 def _estimate(readings: RobotReadings, linear: Array) -> Array:

@@ -8,7 +8,9 @@ import numpy as np
 
 from stiffscope.gap.inference.findings import search_once
 from stiffscope.gap.inference.lack_of_fit import lack_of_fit
+from stiffscope.gap.inference.settings import SEARCH
 from stiffscope.runtime.threads import in_one_thread
+from stiffscope.runtime.types import Array
 
 if TYPE_CHECKING:
     from stiffscope.gap.forward.forward_model import ForwardModel
@@ -21,19 +23,40 @@ def find(model: ForwardModel, progress: Progress | None = None) -> Findings:
     """Search for the effects and nuisance patterns that explain a model's campaign.
 
     Faults of instruments that show only beside what was found are searched for once more, and
-    all effects at the equilibria reached where first order leaves a rest of that size.
+    all effects at the equilibria reached where the second order is as large as a rest or an effect.
     """
     found = _find_with_doubts(model, progress)
-    known = found.fit_effects(found.best.words)
-    if not lack_of_fit(found, known):
+    part = _least_explained(found)
+    if part is None:
         return found
-    closest = min(found.hypotheses, key=found.chi2)  # beside a discrepancy much is left
-    rest = np.where(found.used_readings, closest.residual, 0.0)
-    rest = rest * found.problem.noise.sigma
-    exact = found.model.find_equilibria(found.best.parameters, rest)
+    exact = found.model.find_equilibria(found.best.parameters, part)
     if exact is None:
         return found
     return max(found, _find_with_doubts(exact, progress), key=_weigh)
+
+
+def _least_explained(found: Findings) -> Array | None:
+    """Return the part (n,) of the readings, in their units, that the second order may explain as well.
+
+    A share of what is left, or the contribution of the slightest effect; None without either.
+    """
+    noise = found.problem.noise.sigma
+    known = found.fit_effects(found.best.words)
+    if lack_of_fit(found, known):
+        # beside a discrepancy much is left
+        closest = min(found.hypotheses, key=found.chi2)
+        rest = np.where(found.used_readings, closest.residual, 0.0)
+        return SEARCH.comparable * rest * noise
+    parameters = found.best.parameters
+    whole = found.model.predict(parameters).values
+    contributions = list[Array]()
+    for effect in found.best.words:
+        others = tuple(each for each in parameters if each[0] is not effect)
+        change = whole - found.model.predict(others).values
+        contributions.append(np.where(found.used_readings, change, 0.0))
+    if not contributions:
+        return None
+    return min(contributions, key=lambda change: float(np.linalg.norm(change / noise)))
 
 
 def _find_with_doubts(model: ForwardModel, progress: Progress | None) -> Findings:

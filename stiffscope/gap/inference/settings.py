@@ -142,6 +142,9 @@ class SearchSettings:
     """within this ln-odds of its best,"""
     seeded_least: int = 4
     """and regardless of that."""
+    comparable: float = 0.1
+    """Rms of the estimated second order over the rest that first order leaves, below which another
+    cause leaves it; equilibria would take ten times as long and leave the rest as it is."""
 
 
 SEARCH = SearchSettings()

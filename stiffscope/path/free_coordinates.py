@@ -42,7 +42,7 @@ _BLOCK = 4096
 
 
 @dataclass(frozen=True, eq=False)
-class Freed:
+class FreeChoice:
     """A course and its commands with the free coordinates chosen.
 
     Attributes
@@ -129,7 +129,7 @@ class _Problem:
         return error, drives
 
 
-def choose_free(course: Course, assembled: Assembled) -> Freed:
+def choose_free_coordinates(course: Course, assembled: Assembled) -> FreeChoice:
     """Choose the free coordinates of a job along its path.
 
     Parameters
@@ -139,7 +139,7 @@ def choose_free(course: Course, assembled: Assembled) -> Freed:
 
     Returns
     -------
-    Freed
+    FreeChoice
         Values that are nowhere worse than the best constant ones (72 per turn); the constant values
         themselves if no smooth choice is better.
 
@@ -203,7 +203,7 @@ def choose_free(course: Course, assembled: Assembled) -> Freed:
         program=None,
         free=named,
     )
-    return Freed(
+    return FreeChoice(
         course=placed,
         path=path,
         values=named,

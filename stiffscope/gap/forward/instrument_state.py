@@ -37,7 +37,7 @@ _UNLIKELY = {k: float(chdtri(k, 1e-3)) for k in (3, 6)}
 
 
 @dataclass(frozen=True)
-class Setup:
+class InstrumentState:
     """State of the instruments: f frames, t targets, z zeros."""
 
     rotation: Array
@@ -49,13 +49,13 @@ class Setup:
     zero: Array
     """Zeros (z,)."""
 
-    def move(self, step: Array) -> Setup:
+    def move(self, step: Array) -> InstrumentState:
         """Return the state after a step (6 f + 3 t + z,): frames shift and turn, others shift."""
         f = len(self.origin)
         t = len(self.away)
         frames = step[: 6 * f].reshape(f, 6)
         away = step[6 * f : 6 * f + 3 * t].reshape(t, 3)
-        return Setup(
+        return InstrumentState(
             rotation_of(frames[:, 3:]) @ self.rotation,
             self.origin + frames[:, :3],
             self.away + away,
@@ -85,10 +85,10 @@ class Projection:
 
 
 @dataclass(frozen=True)
-class Placed:
+class AbsoluteReadings:
     """Readings of positions and distances for one prediction of the robot."""
 
-    setup: Setup
+    setup: InstrumentState
     seen: Array
     """Readings (a,) with targets and zeros as stated."""
     looks: Array
@@ -189,7 +189,7 @@ class Instruments:
         return 1.0 / sigma
 
     def _linearize(
-        self, setup: Setup, points: Array, turns: Array
+        self, setup: InstrumentState, points: Array, turns: Array
     ) -> tuple[Array, Array, Array]:
         """Return predictions (a,), directions (a, 3) and derivatives (n, m) by the unknowns."""
         c = self.campaign
@@ -227,7 +227,7 @@ class Instruments:
             out,
         )
 
-    def look(self, setup: Setup, points: Array, turns: Array) -> Array:
+    def look(self, setup: InstrumentState, points: Array, turns: Array) -> Array:
         """Return positions and distances (a,) of targets (a, 3) on bodies rotated by (a, 3, 3)."""
         return self._linearize(setup, points, turns)[0]
 
@@ -248,11 +248,11 @@ class Instruments:
         return self.project(columns, self._weight)
 
     @property
-    def _nowhere(self) -> Setup:
+    def _nowhere(self) -> InstrumentState:
         f = len(self._frame[1])
         t = len(self._loose[1])
         z = int(self._zeros.max(initial=-1)) + 1
-        return Setup(
+        return InstrumentState(
             np.tile(np.eye(3), (f, 1, 1)),
             np.zeros((f, 3)),
             np.zeros((t, 3)),
@@ -267,7 +267,7 @@ class Instruments:
             0.0 if c.expected is None else c.expected[self.rows]
         )
 
-    def start(self, points: Array, turns: Array) -> tuple[Setup, Array]:
+    def start(self, points: Array, turns: Array) -> tuple[InstrumentState, Array]:
         """Return instruments estimated without a guess, and weights (n,), zero for outliers.
 
         Parameters
@@ -299,7 +299,7 @@ class Instruments:
             own = again
         return setup, weight
 
-    def _stated_setup(self) -> Setup:
+    def _stated_setup(self) -> InstrumentState:
         """Return the setup as stated in the campaign."""
         out = self._nowhere
         for k, which in enumerate(self._frame[1]):
@@ -326,7 +326,9 @@ class Instruments:
         found[group[placed], c.direction[rows[placed]]] = placed
         return found[(found >= 0).all(axis=1)]
 
-    def fit(self, points: Array, turns: Array, setup: Setup, weight: Array) -> Setup:
+    def fit(
+        self, points: Array, turns: Array, setup: InstrumentState, weight: Array
+    ) -> InstrumentState:
         """Return the best-fitting instruments by damped Gauss-Newton from an initial setup."""
         sigma, stated = self._prior
         own = weight[self.rows]
@@ -356,7 +358,7 @@ class Instruments:
                 break
         return setup
 
-    def _offset(self, setup: Setup, start: Setup) -> Array:
+    def _offset(self, setup: InstrumentState, start: InstrumentState) -> Array:
         """Return deviations (m,) from stated values in prior standard deviations; 0 if unknown."""
         sigma, stated = self._prior
         turns = setup.rotation @ np.swapaxes(start.rotation, -1, -2)
@@ -369,7 +371,9 @@ class Instruments:
             every, sigma, out=np.zeros(len(sigma)), where=stated & (sigma > 0.0)
         )
 
-    def place(self, points: Array, turns: Array, start: tuple[Setup, Array]) -> Placed:
+    def place(
+        self, points: Array, turns: Array, start: tuple[InstrumentState, Array]
+    ) -> AbsoluteReadings:
         """Fit the instruments to one prediction.
 
         Parameters
@@ -377,7 +381,7 @@ class Instruments:
         points, turns
             (a, 3), (a, 3, 3) target points and rotations of their bodies.
         start
-            Setup and weights for the robot as commanded.
+            InstrumentState and weights for the robot as commanded.
         """
         setup = self.fit(points, turns, *start)
         seen, direction, columns = self._linearize(setup, points, turns)
@@ -388,9 +392,11 @@ class Instruments:
         looks = np.concatenate(
             [direction, np.cross(self._levers(setup, turns), direction)], axis=1
         )
-        return Placed(setup, seen, looks, self.project(columns, start[1]), left)
+        return AbsoluteReadings(
+            setup, seen, looks, self.project(columns, start[1]), left
+        )
 
-    def find_displaced(self, setup: Setup) -> Iterator[str]:
+    def find_displaced(self, setup: InstrumentState) -> Iterator[str]:
         """Yield frames and targets that are farther from where they are stated than is likely.
 
         Their deviations over their uncertainties are a χ² each, of three or six.
@@ -415,7 +421,7 @@ class Instruments:
                     f"stated, {size:.3g} times its uncertainty"
                 )
 
-    def _levers(self, setup: Setup, turns: Array) -> Array:
+    def _levers(self, setup: InstrumentState, turns: Array) -> Array:
         """Return vectors (a, 3) from stated to actual target positions, base axes."""
         away = np.concatenate([setup.away, np.zeros((1, 3))])[self._loose[0]]
         return np.einsum("nij,nj->ni", turns, away)

@@ -31,7 +31,7 @@ _SINGLE = {"ground", "tool"}
 
 
 @dataclass(frozen=True)
-class Said:
+class ImportSettings:
     """User settings; names are patterns such as "leg*", joints are "A/B=KIND" or "A/B=none"."""
 
     ground: str | None = None
@@ -44,31 +44,35 @@ class Said:
     drive: tuple[str, ...] = ()
 
 
-def said_beside(path: Path, settings: Said) -> Said:
-    """Read `assembly.toml` beside a file; ``settings`` takes precedence. InputError if invalid."""
+def settings_beside(path: Path, settings: ImportSettings) -> ImportSettings:
+    """Return the settings of `assembly.toml` beside a file; ``settings`` takes precedence. InputError if invalid."""
     file = path.with_name(SETTINGS)
     if not file.is_file():
         return settings
     what = "what is said of an assembly"
     source = Source(file, read_text(file, what))
     table = parse_text(file, source.text, what)
-    held = said_of(
+    held = read_settings(
         table, lambda *key: f"{show_path(file)}:{source.line(key)}: {key[0]}"
     )
     lists = {
         field.name: (*getattr(held, field.name), *getattr(settings, field.name))
-        for field in fields(Said)
+        for field in fields(ImportSettings)
         if field.name not in _SINGLE
     }
-    return Said(settings.ground or held.ground, settings.tool or held.tool, **lists)
+    return ImportSettings(
+        settings.ground or held.ground, settings.tool or held.tool, **lists
+    )
 
 
-def said_of(table: Mapping[str, Any], place: Callable[..., str] | None = None) -> Said:
+def read_settings(
+    table: Mapping[str, Any], place: Callable[..., str] | None = None
+) -> ImportSettings:
     """Read settings: texts, lists of texts, or tables such as ``material = {"*": "steel"}``.
 
     Raises InputError if invalid; the message begins with the key's ``place``, if given.
     """
-    known = [field.name for field in fields(Said)]
+    known = [field.name for field in fields(ImportSettings)]
     values: dict[str, Any] = {}
     for key, value in table.items():
         where = key if place is None else place(key)
@@ -91,7 +95,7 @@ def said_of(table: Mapping[str, Any], place: Callable[..., str] | None = None) -
                 for text, each in zip(texts, keys, strict=True)
             ]
         values[key] = texts[0] if key in _SINGLE else tuple(texts)
-    return Said(**values)
+    return ImportSettings(**values)
 
 
 def match_solids(
@@ -112,7 +116,7 @@ def match_solids(
     return matching
 
 
-def as_said(
+def apply_stated_joints(
     joints: Sequence[Freedom],
     texts: Sequence[str],
     solids: Sequence[Instance],
