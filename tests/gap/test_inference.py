@@ -391,7 +391,7 @@ class EquilibriumModel(LinearModel):
     second: np.ndarray | None = None
 
     def find_equilibria(self, _, rest=None):
-        shown = np.linalg.norm(self.second) >= np.linalg.norm(rest)
+        shown = 2.0 * np.linalg.norm(self.second) >= np.linalg.norm(rest)
         return (
             replace(self, nominal=self.nominal + self.second, second=0.0 * self.second)
             if shown and self.second.any()
@@ -410,6 +410,8 @@ def test_second_order_that_an_effect_imitates_is_not_that_effect():
     found = conclude(find(curved))
     assert found.verdict == "identified"
     assert {e.effect for e in found.effects} == {"effect-0"}
+    larger = conclude(find(replace(curved, second=imitated / 3.0)))
+    assert {e.effect for e in larger.effects} == {"effect-0", "effect-3"}
 
 
 def test_a_certain_effect_is_not_hidden_by_a_doubtful_one():

@@ -10,12 +10,12 @@ from stiffscope.gap.inference.findings import search_once
 from stiffscope.gap.inference.lack_of_fit import lack_of_fit
 from stiffscope.gap.inference.settings import SEARCH
 from stiffscope.runtime.threads import in_one_thread
-from stiffscope.runtime.types import Array
 
 if TYPE_CHECKING:
-    from stiffscope.gap.forward.forward_model import ForwardModel
+    from stiffscope.gap.forward.forward_model import Candidate, ForwardModel
     from stiffscope.gap.inference.findings import Findings
-    from stiffscope.runtime.types import Progress
+    from stiffscope.gap.inference.hypothesis import Hypothesis
+    from stiffscope.runtime.types import Array, Progress
 
 
 @in_one_thread
@@ -47,16 +47,20 @@ def _least_explained(found: Findings) -> Array | None:
         closest = min(found.hypotheses, key=found.chi2)
         rest = np.where(found.used_readings, closest.residual, 0.0)
         return SEARCH.comparable * rest * noise
-    parameters = found.best.parameters
-    whole = found.model.predict(parameters).values
-    contributions = list[Array]()
-    for effect in found.best.words:
-        others = tuple(each for each in parameters if each[0] is not effect)
-        change = whole - found.model.predict(others).values
-        contributions.append(np.where(found.used_readings, change, 0.0))
+    best = found.best
+    # effects without parameters are there or not, and never slight
+    with_sizes = (effect for effect in best.words if effect.scale)
+    contributions = [_contribution(best, effect) for effect in with_sizes]
     if not contributions:
         return None
-    return min(contributions, key=lambda change: float(np.linalg.norm(change / noise)))
+    slightest = min(contributions, key=lambda change: float(np.linalg.norm(change)))
+    return np.where(found.used_readings, slightest, 0.0) * noise
+
+
+def _contribution(hypothesis: Hypothesis, effect: Candidate) -> Array:
+    """Return what an effect of a set changes in the readings (n,), over the noise, to first order."""
+    own = hypothesis.mark(lambda c: c is effect)
+    return hypothesis.slopes[:, own] @ hypothesis.values[own]
 
 
 def _find_with_doubts(model: ForwardModel, progress: Progress | None) -> Findings:
