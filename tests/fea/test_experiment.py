@@ -104,7 +104,10 @@ def test_stresses_of_the_bar_are_the_textbooks_away_from_its_ends(link):
     bending = np.abs((0.5 - x) * y) / second
     torsion = np.sqrt(3) * np.hypot(y, z) / (2 * second)
     for load, exact in ((1, bending), (3, torsion)):
-        assert np.abs(link.von_mises[load] - exact)[middle].max() < 0.06 * exact.max()
+        error = np.abs(link.von_mises[load] - exact)[middle] / exact.max()
+        assert np.sqrt(np.mean(error**2)) < 0.015
+        # meshes differ between runs: an element nearly flat may be anywhere
+        assert np.quantile(error, 0.99) < 0.04
 
 
 def test_loaded_face_moves_as_the_twist_says(plate):
