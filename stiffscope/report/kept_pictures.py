@@ -7,6 +7,7 @@ import shutil
 import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import nullcontext
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +20,7 @@ from stiffscope.report.pictures import (
     PictureError,
     draw,
     draw_by,
+    open_drawing,
     optional_pictures,
 )
 from stiffscope.report.robot_scene import (
@@ -31,11 +33,13 @@ from stiffscope.report.robot_scene import (
 )
 from stiffscope.report.run_report import ENERGY, GEOMETRY
 from stiffscope.runtime.cache import PICTURES, code_version, digest, kept_files
+from stiffscope.runtime.executor import Processes
 from stiffscope.runtime.reading import file_digest
 from stiffscope.vjm.kinematics.configurations import configure
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
+    from contextlib import AbstractContextManager
     from pathlib import Path
 
     from stiffscope.cad.part import Part
@@ -46,7 +50,7 @@ if TYPE_CHECKING:
     from stiffscope.robot.file.description import RobotFile
     from stiffscope.robot.inspection import Inspection
     from stiffscope.runtime.cache import Cache
-    from stiffscope.runtime.executor import Here, Processes
+    from stiffscope.runtime.executor import Here
     from stiffscope.vjm.kinematics.configurations import Configurations
 
 log = logging.getLogger(__name__)
@@ -83,10 +87,9 @@ def write_pictures(
     manifest
         Record of how the results were made.
     """
-    with ThreadPoolExecutor(AT_ONCE) as pool:
+    with _open_drawing(executor) as draw_now, ThreadPoolExecutor(AT_ONCE) as pool:
         tasks = [
-            pool.submit(_keep_pictures, order, cache, draw_by(executor))
-            for order in orders
+            pool.submit(_keep_pictures, order, cache, draw_now) for order in orders
         ]
         try:
             for order, each in zip(orders, tasks, strict=True):
@@ -100,6 +103,18 @@ def write_pictures(
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
+
+
+def _open_drawing(
+    executor: Here | Processes,
+) -> AbstractContextManager[Callable[..., None]]:
+    """Return what draws in an executor's processes, or in a process of its own: never in this one.
+
+    Graphics libraries may crash, and are neither imported nor used by several threads safely.
+    """
+    if isinstance(executor, Processes):
+        return nullcontext(draw_by(executor))
+    return open_drawing()
 
 
 def order_run(assembled: Assembled, target: Path) -> list[Order]:

@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from stiffscope.runtime.executor import Here
-
 log = logging.getLogger(__name__)
 
 TIME_LIMIT = 300.0
@@ -75,14 +73,12 @@ def open_drawing(*, ahead: bool = False) -> Iterator[Callable[..., None]]:
             executor.end()
 
 
-def draw_by(executor: Here | Processes) -> Callable[..., None]:
+def draw_by(executor: Processes) -> Callable[..., None]:
     """Return a function that is called like `draw`, and draws in an executor's processes."""
     return partial(_draw, executor)
 
 
-def _draw(
-    executor: Here | Processes, picture: str, target: Path, **arguments: Any
-) -> None:
+def _draw(executor: Processes, picture: str, target: Path, **arguments: Any) -> None:
     asked = json.loads(json.dumps(arguments, default=_to_plain))
     given = picture, (target.absolute(),), asked
     try:
