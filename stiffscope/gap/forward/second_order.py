@@ -32,10 +32,9 @@ if TYPE_CHECKING:
 class SecondOrderSettings:
     """When readings are taken at the equilibrium reached; both err on the side of doing so."""
 
-    visible: float = 3.0
-    """Standard deviations: norm of the estimated second order of all readings of a campaign beyond
-    which equilibria are found. Many readings show together a pattern that none shows by itself; a
-    χ² of 9 is too little to name an effect that would imitate it."""
+    visible: float = 1.0
+    """Standard deviations: largest estimated second order of a campaign's readings beyond which
+    equilibria are found; below, it adds less than `lack_of_fit.MODEL_NOISE` allows to the noise."""
     slight: float = 0.1
     """Standard deviations: estimate below which a single reading is left at first order; it adds
     half a percent to the reading's scatter."""
@@ -62,7 +61,7 @@ def find_second_order(readings: RobotReadings, linear: Array) -> Array:
     """
     out = np.zeros((len(readings.campaign), 6))
     estimate = _estimate(readings, linear)
-    if not np.linalg.norm(estimate) > SETTINGS.visible:
+    if not estimate.max(initial=0.0) > SETTINGS.visible:
         return out
     rows = np.flatnonzero(estimate > SETTINGS.slight)
     try:
@@ -80,7 +79,7 @@ def shows_second_order(
     rest: part of the readings (n,), in their units, that the second order must equal; None: nothing.
     """
     estimate = _estimate(readings, motions)
-    if not np.linalg.norm(estimate) > SETTINGS.visible:
+    if not estimate.max(initial=0.0) > SETTINGS.visible:
         return False
     if rest is None:
         return True
