@@ -19,6 +19,7 @@ from stiffscope.cad.faces import DISTANCE
 
 if TYPE_CHECKING:
     from stiffscope.cad.assembly import Instance, Product
+    from stiffscope.cad.faces import FaceGeometry
     from stiffscope.cad.materials import AnyMaterial
     from stiffscope.runtime.types import Array
 
@@ -73,44 +74,53 @@ def _bend_strip(product: Product, covariance: Array) -> float:
     ----------
     covariance : (3, 3) of its volume about the centre, over the volume, m².
     """
-    largest = 0.0
+    axes: list[Array] = []
+    for face in product.faces:
+        flat = face.kind == "plane"
+        if flat and not any(_is_parallel(face.axis, known) for known in axes):
+            axes.append(face.axis)
+    return max((_bend_along(product, covariance, axis) for axis in axes), default=0.0)
+
+
+def _bend_along(product: Product, covariance: Array, axis: Array) -> float:
+    """Return what `_bend_strip` does for a strip of this axis of width; 0 if it is none."""
+    ends = [
+        face
+        for face in product.faces
+        if face.kind == "plane" and _is_parallel(face.axis, axis)
+    ]
+    sides = sum(face.area for face in product.faces if _is_side(face, axis))
+    capped = sum(face.area for face in ends)
+    rest = sum(face.area for face in product.faces) - sides - capped
+    heights = np.array([axis @ face.centroid for face in ends])
+    inner = np.minimum(heights - heights.min(), heights.max() - heights)
+    is_prism = inner.max() <= DISTANCE and rest <= PIERCED * sides
+    own = axis @ covariance @ axis
+    across = np.eye(3) - np.outer(axis, axis)
+    # a bar of thin walls bends along its axis
+    is_bar = own > np.linalg.eigvalsh(across @ covariance @ across)[-1]
+    if not is_prism or is_bar:
+        return 0.0
     shapes = cad.kernel.faces(product.solid)
-    planes = [face for face in product.faces if face.kind == "plane"]
-    tried = list[np.ndarray]()
-    for axis in (plane.axis for plane in planes):
-        if any(abs(axis @ other) > 1.0 - PARALLEL**2 for other in tried):
-            continue
-        tried.append(axis)
-        ends = [f for f in planes if abs(f.axis @ axis) > 1.0 - PARALLEL**2]
-        flat = sum(f.area for f in planes if abs(f.axis @ axis) < PARALLEL)
-        round_area = sum(
-            f.area
-            for f in product.faces
-            if f.kind == "cylinder" and abs(f.axis @ axis) > 1.0 - PARALLEL**2
-        )
-        sides = flat + round_area
-        capped = sum(f.area for f in ends)
-        heights = np.array([axis @ f.centroid for f in ends])
-        inner = np.minimum(heights - heights.min(), heights.max() - heights)
-        if inner.max() > DISTANCE:
-            continue  # steps and grooves are no ends of a prism
-        rest = sum(f.area for f in product.faces) - sides - capped
-        if rest > PIERCED * sides:
-            continue
-        if any(cad.kernel.count_borders(shapes[f.index]) > 1 for f in ends):
-            continue  # a ring or tube is much stiffer than an open strip
-        width = 2.0 * product.volume / capped
-        own = axis @ covariance @ axis
-        across = np.eye(3) - np.outer(axis, axis)
-        if own > np.linalg.eigvalsh(across @ covariance @ across)[-1]:
-            continue  # a bar of thin walls, which bends along its axis
-        # the profile's area and perimeter are D t and 2 (D + t)
-        section = capped / 2.0
-        half = (sides + rest) / width / 4.0
-        root = np.sqrt(max(half**2 - section, 0.0))
-        length = half + root
-        thickness = section / length
-        radius_squared = np.trace(covariance) - own - thickness**2 / 12.0
-        bent = 48.0 * radius_squared * length / (width * thickness**3)
-        largest = max(largest, float(bent))
-    return largest
+    if any(cad.kernel.count_borders(shapes[face.index]) > 1 for face in ends):
+        return 0.0  # a ring or tube is much stiffer than an open strip
+    width = 2.0 * product.volume / capped
+    # the profile's area and perimeter are D t and 2 (D + t)
+    section = capped / 2.0
+    half = (sides + rest) / width / 4.0
+    root = np.sqrt(max(half**2 - section, 0.0))
+    length = half + root
+    thickness = section / length
+    radius_squared = np.trace(covariance) - own - thickness**2 / 12.0
+    return float(48.0 * radius_squared * length / (width * thickness**3))
+
+
+def _is_parallel(first: Array, second: Array) -> bool:
+    return abs(float(first @ second)) > 1.0 - PARALLEL**2
+
+
+def _is_side(face: FaceGeometry, axis: Array) -> bool:
+    """Return whether a face is drawn along an axis: a plane or cylinder of that direction."""
+    if face.kind == "cylinder":
+        return _is_parallel(face.axis, axis)
+    return face.kind == "plane" and abs(float(face.axis @ axis)) < PARALLEL

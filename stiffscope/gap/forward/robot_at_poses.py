@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -104,8 +104,7 @@ class RobotAtPoses:
     def cut(self, name: str) -> Response:
         """Return the equilibrium for unit twists, own axes, of an element's ends from the first."""
         if name not in self._cuts:
-            while len(self._cuts) >= self._most_cuts:
-                del self._cuts[next(iter(self._cuts))]
+            self._make_room(self._cuts)
             self._cuts[name] = solve_dislocations(
                 self._condensed_network, self.mechanism, name
             )
@@ -122,8 +121,7 @@ class RobotAtPoses:
         """
         key = name, *nodes
         if key not in self._moved:
-            while len(self._moved) >= self._most_cuts:
-                del self._moved[next(iter(self._moved))]
+            self._make_room(self._moved)
             cut = self.cut(name).nodes
             shape = len(self.campaign.poses), 6
             each = [np.broadcast_to(cut[k], (*shape, cut[k].shape[-1])) for k in nodes]
@@ -179,6 +177,11 @@ class RobotAtPoses:
         out = np.empty((len(rates), matrices.shape[-1]))
         out[rows.ravel()] = (rates[rows] @ matrices).reshape(out.shape)
         return out
+
+    def _make_room(self, held: dict[Any, Any]) -> None:
+        """Drop the oldest of what is held by element, which is large, until one more is allowed."""
+        while len(held) >= self._most_cuts:
+            del held[next(iter(held))]
 
     @property
     def _most_cuts(self) -> int:
